@@ -3,7 +3,7 @@
 import math
 
 from wayfield.envs.robots.hulls import hull_clearance, swing
-from wayfield.envs.robots.kinematics import integrate_arc, limit_acceleration, saturation_factor
+from wayfield.envs.robots.kinematics import integrate_arc, limits
 from wayfield.envs.robots.response import request, respond
 from wayfield.envs.robots.sensing import advance_odometry
 from wayfield.system.compiled import inlined
@@ -18,7 +18,7 @@ MOST_STRIDES = 1_000_000
 
 @inlined
 def command(p, s, actions, i):
-    """Turns an action into the twist commanded to the wheels: saturation by one factor, then acceleration limits."""
+    """Turns an action into the twist commanded to the wheels: what its `limits` leave of it."""
     vx = 0.0
     vy = 0.0
     yaw_rate = 0.0
@@ -44,19 +44,9 @@ def command(p, s, actions, i):
     if p.responds:
         request(p, s, actions, i, vx, vy, yaw_rate)
         return
-    factor = saturation_factor(p.wheel_matrix, p.num_wheels, p.wheel_speed_limit, p.turn_speed, vx, vy, yaw_rate)
+    last = s.command_vx, s.command_vy, s.command_yaw_rate
+    s.command_vx, s.command_vy, s.command_yaw_rate, factor = limits(p, last, (vx, vy, yaw_rate), p.dt)
     s.saturated = factor < 1.0
-    s.command_vx, s.command_vy, s.command_yaw_rate = limit_acceleration(
-        s.command_vx,
-        s.command_vy,
-        s.command_yaw_rate,
-        factor * vx,
-        factor * vy,
-        factor * yaw_rate,
-        p.acceleration,
-        p.yaw_acceleration,
-        p.dt,
-    )
 
 
 @inlined

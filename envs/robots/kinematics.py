@@ -53,30 +53,65 @@ def plain_sum_matrix(matrix: ArrayLike, radii: ArrayLike) -> NDArray[np.float64]
 
 
 @inlined
-def saturation_factor(matrix, num_wheels, limit, turn_limit, vx, vy, yaw_rate):
-    """Returns the one factor in (0, 1] by which a twist is scaled so that no wheel turns faster than `limit` (rad/s).
+def limits(plant, command, twist, dt):
+    """Returns what a base makes of a requested twist dt after its last command: v_x, v_y, yaw rate, saturation factor.
 
-    Nor does the base turn faster than `turn_limit` (rad/s), which is the driver's. One factor for all keeps the
-    direction of motion and the ICC radius; clipping each wheel would bend the path.
+    No wheel turns faster than it can, no change is faster than the accelerations allow, and a base that is steered
+    turns on no smaller radius than its own.
+
+    Args:
+        plant: a record with what `saturation_factor` and `steered` read, `acceleration` and `yaw_acceleration`.
+        command: (v_x, v_y, yaw rate), the last that was set.
+        twist: likewise, the requested one.
     """
+    vx, vy, yaw_rate = twist
+    factor = saturation_factor(plant, vx, vy, yaw_rate)
+    vx, vy, yaw_rate = limit_acceleration(
+        command, (factor * vx, factor * vy, factor * yaw_rate), plant.acceleration, plant.yaw_acceleration, dt
+    )
+    return vx, vy, steered(plant, vx, yaw_rate), factor
+
+
+@inlined
+def saturation_factor(plant, vx, vy, yaw_rate):
+    """Returns the one factor in (0, 1] by which a twist is scaled so that no wheel turns faster than it can.
+
+    Nor does the base turn faster than its driver lets it. One factor for all keeps the direction of motion and the ICC
+    radius; clipping each wheel would bend the path.
+
+    Args:
+        plant: a record with `num_wheels`, `wheel_matrix`, `wheel_speed_limit` and `turn_speed` (rad/s).
+    """
+    matrix = plant.wheel_matrix
     fastest = 0.0
-    for i in range(num_wheels):
+    for i in range(plant.num_wheels):
         fastest = max(fastest, abs(matrix[i, 0] * vx + matrix[i, 1] * vy + matrix[i, 2] * yaw_rate))
     factor = 1.0
-    if fastest > limit:
-        factor = limit / fastest
-    if factor * abs(yaw_rate) > turn_limit:
-        factor = turn_limit / abs(yaw_rate)
+    if fastest > plant.wheel_speed_limit:
+        factor = plant.wheel_speed_limit / fastest
+    if factor * abs(yaw_rate) > plant.turn_speed:
+        factor = plant.turn_speed / abs(yaw_rate)
     return factor
 
 
 @inlined
-def limit_acceleration(vx, vy, yaw_rate, to_vx, to_vy, to_yaw_rate, acceleration, yaw_acceleration, dt):
-    """Returns the twist nearest to the wanted one that can be set after dt.
+def steered(plant, vx, yaw_rate):
+    """Returns the yaw rate of a base that turns on no smaller radius than `turning_radius` (m); 0 of one without."""
+    if plant.turning_radius > 0.0:
+        most = abs(vx) / plant.turning_radius
+        yaw_rate = min(max(yaw_rate, -most), most)
+    return yaw_rate
+
+
+@inlined
+def limit_acceleration(command, twist, acceleration, yaw_acceleration, dt):
+    """Returns the twist nearest to the wanted one that can be set dt after the last command.
 
     The change of velocity is shortened along its own direction to acceleration * dt (m/s), the change of yaw rate
     clipped to yaw_acceleration * dt (rad/s).
     """
+    vx, vy, yaw_rate = command
+    to_vx, to_vy, to_yaw_rate = twist
     dx = to_vx - vx
     dy = to_vy - vy
     change = math.sqrt(dx * dx + dy * dy)

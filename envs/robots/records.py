@@ -63,6 +63,7 @@ ROBOT_PARAMS = [
     ("forward_matrix", np.float64, (3, MAX_WHEELS)),  # wheel speeds to twist
     ("wheel_speed_limit", np.float64),  # rad/s
     ("turn_speed", np.float64),  # rad/s, the driver's limit of the yaw rate; inf: it has none
+    ("turning_radius", np.float64),  # m, the least; 0: it turns on the spot
     ("acceleration", np.float64),  # m/s^2
     ("yaw_acceleration", np.float64),  # rad/s^2
     ("lag_decay", np.float64),  # share of a deviation left after dt
@@ -147,6 +148,7 @@ def motor_numbers(robot: Robot, actuators: Actuators, dt: float) -> dict[str, An
         "forward_matrix": padded(robot.forward_matrix, (3, MAX_WHEELS)),
         "wheel_speed_limit": robot.rated_wheel_speed if actuators.at_rated_speed else robot.peak_wheel_speed,
         "turn_speed": robot.turn_speed,
+        "turning_radius": robot.turning_radius,
         "acceleration": actuators.acceleration,
         "yaw_acceleration": actuators.yaw_acceleration,
         "responds": found is not None,

@@ -18,7 +18,7 @@ T^3 (|v'| |w| + |v| |w'|) / 12 sideways, 0.05 mm at 1.2 m/s, 3 rad/s and the acc
 
 import math
 
-from wayfield.envs.robots.kinematics import limit_acceleration, saturation_factor
+from wayfield.envs.robots.kinematics import limit_acceleration, saturation_factor, steered
 from wayfield.system.compiled import compiled, inlined
 from wayfield.system.elementary import exponential
 
@@ -41,24 +41,21 @@ def request(p, s, actions, i, vx, vy, yaw_rate):
         falls = s.command_vx * (vx - s.command_vx) + s.command_vy * (vy - s.command_vy) < 0.0
         slows = s.command_yaw_rate * (yaw_rate - s.command_yaw_rate) < 0.0
         s.command_vx, s.command_vy, s.command_yaw_rate = limit_acceleration(
-            s.command_vx,
-            s.command_vy,
-            s.command_yaw_rate,
-            vx,
-            vy,
-            yaw_rate,
+            (s.command_vx, s.command_vy, s.command_yaw_rate),
+            (vx, vy, yaw_rate),
             p.deceleration if falls else p.acceleration,
             p.yaw_deceleration if slows else p.yaw_acceleration,
             p.dt,
         )
+        s.command_yaw_rate = steered(p, s.command_vx, s.command_yaw_rate)
 
 
 @inlined
 def held(p, vx, vy, yaw_rate):
     """Returns the twist that the wheels can turn for, and 1 where it is not the given one, else 0."""
     if not p.wheel_saturation:
-        factor = saturation_factor(p.wheel_matrix, p.num_wheels, p.wheel_speed_limit, p.turn_speed, vx, vy, yaw_rate)
-        return factor * vx, factor * vy, factor * yaw_rate, 1 if factor < 1.0 else 0
+        factor = saturation_factor(p, vx, vy, yaw_rate)
+        return factor * vx, factor * vy, steered(p, factor * vx, factor * yaw_rate), 1 if factor < 1.0 else 0
     # the driver's limit first, then each wheel's
     turn = min(max(yaw_rate, -p.turn_speed), p.turn_speed)
     beyond = 1 if turn != yaw_rate else 0
@@ -74,8 +71,8 @@ def held(p, vx, vy, yaw_rate):
         held_vy += p.forward_matrix[1, k] * most
         held_yaw_rate += p.forward_matrix[2, k] * most
     if not clipped:
-        return vx, vy, turn, beyond
-    return held_vx, held_vy, held_yaw_rate, 1
+        return vx, vy, steered(p, vx, turn), beyond
+    return held_vx, held_vy, steered(p, held_vx, held_yaw_rate), 1
 
 
 @inlined

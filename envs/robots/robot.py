@@ -52,6 +52,7 @@ _RANGES: Mapping[str, tuple[float, float, str]] = {
     "acceleration": (1e-3, 1e4, "m/s^2"),
     "yaw_acceleration": (1e-3, 1e5, "rad/s^2"),
     "turn_speed": (1e-3, 1e4, "rad/s"),
+    "turning_radius": (0.0, 100.0, "m"),
     "lag": (0.0, 10.0, "s"),
     "delay": (0.0, 1.0, "s"),
     "gain": (0.1, 10.0, "(no unit)"),
@@ -170,6 +171,7 @@ class Robot:
     peak_wheel_speed: float  # rad/s, in the tier "ideal"
     # rad/s, at which the robot's driver stops turns, in every tier; inf: only the wheels do
     turn_speed: float = math.inf
+    turning_radius: float = 0.0  # m, the least, of a base that is steered; 0: it turns on the spot
     # in the tier "lagged"; "slow" has half the accelerations and 2.5 times the lag
     acceleration: float = _NOMINAL.acceleration  # m/s^2
     yaw_acceleration: float = _NOMINAL.yaw_acceleration  # rad/s^2
@@ -197,7 +199,7 @@ class Robot:
         choose("drive", self.drive, DRIVES)
         for name in ("mass", "inertia", "friction", "driven_load", "rated_wheel_speed", "peak_wheel_speed"):
             object.__setattr__(self, name, _number(name, getattr(self, name)))
-        for name in ("acceleration", "yaw_acceleration", "wheelbase"):
+        for name in ("acceleration", "yaw_acceleration", "wheelbase", "turning_radius"):
             object.__setattr__(self, name, _number(name, getattr(self, name)))
         self._check_response()
         if real(self.turn_speed) != math.inf:
@@ -220,8 +222,10 @@ class Robot:
         object.__setattr__(self, "sensors", Sensors(int(scan.beams), distance, angle))
         if self.drive == "differential":
             self._check_pair()
-        elif self.track is not None or self.wheelbase:
-            raise ValueError(f"track and wheelbase belong to the drive differential, not to {self.drive}")
+        elif self.track is not None or self.wheelbase or self.turning_radius:
+            raise ValueError(
+                f"track, wheelbase and turning_radius belong to the drive differential, not to {self.drive}"
+            )
         self._check_body()
         self._check_wheels()
 
@@ -371,6 +375,11 @@ class Robot:
         return self.drive != "differential"
 
     @property
+    def turns_on_the_spot(self) -> bool:
+        """Returns whether it turns without going anywhere: it is not steered."""
+        return self.turning_radius == 0.0
+
+    @property
     def twist_axes(self) -> tuple[int, ...]:
         """Returns which components of (v_x, v_y, yaw_rate) the robot can command."""
         return (0, 1, 2) if self.holonomic else (0, 2)
@@ -481,6 +490,7 @@ class Robot:
 # What later fields of the digest are where a sheet lacks them.
 _ABSENT: Mapping[str, Any] = {
     "turn_speed": math.inf,
+    "turning_radius": 0.0,
     **{"delay": (), "gain": (), "decelerations": (), "saturation": "twist", "response": "stepped"},
 }
 
@@ -518,8 +528,8 @@ def wheel_matrix(wheels: Sequence[Wheel]) -> NDArray[np.float64]:
 
 _SHEET = (
     *("name", "title", "drive", "wheels", "hull", "mass", "inertia", "friction", "driven_load"),
-    *("rated_wheel_speed", "peak_wheel_speed", "turn_speed", "acceleration", "yaw_acceleration", "lag"),
-    *("delay", "gain", "decelerations", "saturation", "response"),
+    *("rated_wheel_speed", "peak_wheel_speed", "turn_speed", "turning_radius", "acceleration", "yaw_acceleration"),
+    *("lag", "delay", "gain", "decelerations", "saturation", "response"),
     *("encoders", "sensors", "sources"),
 )
 _REQUIRED = ("drive", "wheels", "hull", "mass", "inertia", "friction", "rated_wheel_speed")
@@ -530,9 +540,10 @@ _OMNI = ("x", "y", "direction", "radius")
 # Good files, which tests damage.
 _SAMPLE = """{"name": "mine", "title": "My robot", "drive": "differential", "wheels": {"radius": 0.05, "track": 0.3,
 "effective_track": 0.4, "wheelbase": 0.2}, "hull": {"radius": 0.22}, "mass": 6, "inertia": 0.1, "friction": 0.7,
-"driven_load": 0.9, "rated_wheel_speed": 15, "peak_wheel_speed": 20, "turn_speed": 6, "acceleration": 1.5,
-"yaw_acceleration": 4, "lag": [0.05, 0.1], "delay": [0.12, 0.16], "gain": [1, 0.8], "decelerations": [2, 5],
-"saturation": "wheels", "response": "continuous", "sensors": {"beams": 36, "range": 4, "angle": 4.71}, "sources":
+"driven_load": 0.9, "rated_wheel_speed": 15, "peak_wheel_speed": 20, "turn_speed": 6, "turning_radius": 0.2,
+"acceleration": 1.5, "yaw_acceleration": 4, "lag": [0.05, 0.1], "delay": [0.12, 0.16], "gain": [1, 0.8],
+"decelerations": [2, 5], "saturation": "wheels", "response": "continuous", "sensors": {"beams": 36, "range": 4,
+"angle": 4.71}, "sources":
 {"wheels": "measured", "delay": {"value": [0.12, 0.16], "low": [0.11, 0.15], "high": [0.13, 0.17],
 "method": "profile likelihood, 95 %", "from": "a log"}}}"""
 _BOX = '{"kind": "box", "length": 0.5, "width": 0.4}'
@@ -565,6 +576,8 @@ def read_robot(file: str) -> Robot:
 def _robot_of(file: str) -> Robot:
     """Returns the robot of a data sheet, whatever it is called."""
     fields = json_object(file)
+    if "drive" not in fields:
+        raise fault(file, f"field 'drive' is missing; choose from {', '.join(map(repr, DRIVES))}")
     check_keys(file, "", fields, _SHEET, _REQUIRED)
     try:
         choose("drive", fields["drive"], DRIVES)

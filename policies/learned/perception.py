@@ -6,13 +6,13 @@ Training and driving run the same code, so that an agent meets the numbers that 
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs.robots import Actuators, Robot
-from wayfield.envs.robots.kinematics import limit_acceleration, saturation_factor
+from wayfield.envs.robots.kinematics import limits
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies.learned.features import LIMIT, Array, Numbers
 from wayfield.policies.learned.features_dock import DockFeatures
@@ -244,6 +244,18 @@ class Perception:
                 memory[name][:, 0] = newest
 
 
+class Slower(NamedTuple):
+    """A slower base, as `limits` reads it."""
+
+    num_wheels: int
+    wheel_matrix: Numbers  # (n, 3) rad/s
+    wheel_speed_limit: float  # rad/s
+    turn_speed: float  # rad/s
+    turning_radius: float  # m
+    acceleration: float  # m/s^2
+    yaw_acceleration: float  # rad/s^2
+
+
 @any_layout
 @compiled
 def hold(law, matrix, held, twists):
@@ -255,16 +267,13 @@ def hold(law, matrix, held, twists):
     held (b, 2, 3): the command, and the twist at which the slower base's wheels would turn by now.
     """
     acceleration, yaw_acceleration, dt, decay, mean, limit, turn_limit = law
+    slower = Slower(matrix.shape[0], matrix, limit, turn_limit, 0.0, acceleration, yaw_acceleration)
     last = twists.shape[1] - 1
     for i in range(twists.shape[0]):
         x = twists[i, 0]
         y = twists[i, 1] if last == 2 else 0.0
         w = twists[i, last]
-        factor = saturation_factor(matrix, matrix.shape[0], limit, turn_limit, x, y, w)
-        x, y, w = limit_acceleration(
-            held[i, 0, 0], held[i, 0, 1], held[i, 0, 2],
-            factor * x, factor * y, factor * w, acceleration, yaw_acceleration, dt,
-        )  # fmt: skip
+        x, y, w, _ = limits(slower, (held[i, 0, 0], held[i, 0, 1], held[i, 0, 2]), (x, y, w), dt)
         for k in range(3):
             command = x if k == 0 else y if k == 1 else w
             deviation = held[i, 1, k] - command

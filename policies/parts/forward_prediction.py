@@ -43,6 +43,7 @@ MODEL = [
     ("forward_matrix", np.float64, (3, MAX_WHEELS)),
     ("wheel_speed_limit", np.float64),
     ("turn_speed", np.float64),
+    ("turning_radius", np.float64),
     ("acceleration", np.float64),
     ("yaw_acceleration", np.float64),
     ("responds", np.int64),
@@ -257,17 +258,13 @@ def compensate(model, states, twists):
         vx = twists[i, 0]
         vy = twists[i, 1]
         yaw_rate = twists[i, 2]
-        factor = saturation_factor(p.wheel_matrix, p.num_wheels, p.wheel_speed_limit, p.turn_speed, vx, vy, yaw_rate)
+        factor = saturation_factor(p, vx, vy, yaw_rate)
         vx *= factor
         vy *= factor
         yaw_rate *= factor
         s.set_vx, s.set_vy, s.set_yaw_rate = limit_acceleration(
-            s.set_vx,
-            s.set_vy,
-            s.set_yaw_rate,
-            vx,
-            vy,
-            yaw_rate,
+            (s.set_vx, s.set_vy, s.set_yaw_rate),
+            (vx, vy, yaw_rate),
             min(p.acceleration, p.deceleration),
             min(p.yaw_acceleration, p.yaw_deceleration),
             p.dt,

@@ -23,6 +23,7 @@ PLANT = np.dtype(
         ("wheel_matrix", np.float64, (MAX_WHEELS, 3)),  # twist to wheel speeds, rad/s
         ("wheel_speed_limit", np.float64),  # rad/s
         ("turn_speed", np.float64),  # rad/s, the driver's limit of the yaw rate
+        ("turning_radius", np.float64),  # m, the least; 0: it turns on the spot
         ("acceleration", np.float64),  # m/s^2
         ("yaw_acceleration", np.float64),  # rad/s^2
         ("lag", np.float64),  # s, with the delay: `Actuators.reaction`
@@ -84,6 +85,7 @@ def plant(robot: Robot, actuators: Actuators, dt: float) -> NDArray[np.void]:
     made["wheel_matrix"][0, : len(robot.wheel_matrix)] = robot.wheel_matrix
     made["wheel_speed_limit"] = robot.rated_wheel_speed if actuators.at_rated_speed else robot.peak_wheel_speed
     made["turn_speed"] = robot.turn_speed
+    made["turning_radius"] = robot.turning_radius
     made["acceleration"], made["yaw_acceleration"] = actuators.surely
     made["lag"] = actuators.reaction
     made["lag_decay"] = decay

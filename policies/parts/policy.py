@@ -40,6 +40,10 @@ def observation_of(task: TaskSpec) -> type:
     return path_following.Observation if task.on_path else goal_reaching.Observation
 
 
+# What a policy may need of a robot, as a `Robot` says it, in words.
+NEEDS = {"holonomic": "goes sideways", "turns_on_the_spot": "turns on the spot, of turning_radius 0"}
+
+
 def lacks(policy: object, robot: Robot) -> list[str]:
     """Returns what a policy, or its class, needs of a robot that this one cannot do."""
     return [need for need in getattr(policy, "needs", ()) if not getattr(robot, need)]
@@ -48,11 +52,11 @@ def lacks(policy: object, robot: Robot) -> list[str]:
 def check_robot(policy: Policy, robot: Robot) -> None:
     """Raises ValueError, naming policy and robot, unless the robot can all that the policy needs.
 
-    A policy that needs more than wheels that turn it says so in `needs`, names of what a `Robot` says that it can.
+    A policy that needs more than wheels that turn it says so in `needs`, names of NEEDS.
     """
     for need in lacks(policy, robot):
         able = ", ".join(name for name, each in ROBOTS.items() if getattr(each, need))
-        raise ValueError(f"{type(policy).__name__} drives {need} robots only ({able}), not {robot.name!r}")
+        raise ValueError(f"{type(policy).__name__} needs a robot that {NEEDS[need]} ({able}); {robot.name!r} does not")
 
 
 def check_scan(policy: Policy, ranges: Array, briefing: Briefing) -> None:

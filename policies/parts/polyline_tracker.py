@@ -344,7 +344,7 @@ def straight_to(p, m, pose, bx, by, turn, allowed, needed):
     if d > 0.1:
         v = min(v, math.sqrt(0.5 * p.acceleration / max(bend, 1e-9)))
     vx, vy, _ = limit_acceleration(
-        m.command[0], m.command[1], 0.0, v * bx / d, v * by / d, 0.0, p.acceleration, p.yaw_acceleration, p.plant.dt
+        (m.command[0], m.command[1], 0.0), (v * bx / d, v * by / d, 0.0), p.acceleration, p.yaw_acceleration, p.plant.dt
     )
     speed = math.sqrt(vx * vx + vy * vy)
     if speed > 1e-6:
@@ -401,7 +401,7 @@ def command(p, m, vx, vy, yaw_rate):
     """Sets the command nearest to the wanted twist that the limits allow."""
     last = m.command
     last[0], last[1], last[2] = limit_acceleration(
-        last[0], last[1], last[2], vx, vy, yaw_rate, p.acceleration, p.yaw_acceleration, p.plant.dt
+        (last[0], last[1], last[2]), (vx, vy, yaw_rate), p.acceleration, p.yaw_acceleration, p.plant.dt
     )
 
 

@@ -116,9 +116,7 @@ def filter_twists(params, scan, seen, blind, memory, twists):
     for i in range(twists.shape[0]):
         m = memory[i]
         vx, vy, w = twists[i, 0], twists[i, 1], twists[i, 2]
-        factor = saturation_factor(
-            plant.wheel_matrix, plant.num_wheels, plant.wheel_speed_limit, plant.turn_speed, vx, vy, w
-        )
+        factor = saturation_factor(plant, vx, vy, w)
         vx, vy, w = factor * vx, factor * vy, factor * w
         wheels = seen.twists[i]  # which may be faster than the command, by the lag
         fastest = max(vx * vx + vy * vy, m.command[0] ** 2 + m.command[1] ** 2, wheels[0] ** 2 + wheels[1] ** 2)

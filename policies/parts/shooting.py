@@ -1,6 +1,6 @@
 """A plan of speeds and yaw rates driven by the plant's own model, and its derivatives: what predictive laws share.
 
-m is a record with dt (s), lag_decay and lag_mean (see `records.lag_factors`), and substeps, control periods in a step.
+m is a record with `plant` (see `params.PLANT`), and substeps, control periods in a step.
 """
 
 from typing import NamedTuple
@@ -38,12 +38,12 @@ def lagged_period(m, pose, twist, command):
     x, y, heading = pose
     v, w = twist
     command_v, command_w = command
-    mean_v = command_v + m.lag_mean * (v - command_v)
-    mean_w = command_w + m.lag_mean * (w - command_w)
-    v = command_v + m.lag_decay * (v - command_v)
-    w = command_w + m.lag_decay * (w - command_w)
-    to_x, to_y, _ = integrate_arc(x, y, heading, mean_v, 0.0, mean_w, m.dt)
-    return (to_x, to_y, heading + m.dt * mean_w), (v, w), (mean_v, mean_w)
+    mean_v = command_v + m.plant.lag_mean * (v - command_v)
+    mean_w = command_w + m.plant.lag_mean * (w - command_w)
+    v = command_v + m.plant.lag_decay * (v - command_v)
+    w = command_w + m.plant.lag_decay * (w - command_w)
+    to_x, to_y, _ = integrate_arc(x, y, heading, mean_v, 0.0, mean_w, m.plant.dt)
+    return (to_x, to_y, heading + m.plant.dt * mean_w), (v, w), (mean_v, mean_w)
 
 
 @inlined
@@ -58,23 +58,23 @@ def drive_on(m, pose, twist, before, after, share, k, slopes):
     command_v = before[0] + share * (after[0] - before[0])
     command_w = before[1] + share * (after[1] - before[1])
     (to_x, to_y, to_heading), twist, (mean_v, mean_w) = lagged_period(m, pose, twist, (command_v, command_w))
-    half_turn = 0.5 * mean_w * m.dt
+    half_turn = 0.5 * mean_w * m.plant.dt
     sine, cosine = sin_cos(heading + half_turn)
     chord = sinc(half_turn)
     bend = sinc_slope(half_turn)
-    x_v = m.dt * chord * cosine
-    y_v = m.dt * chord * sine
-    x_w = 0.5 * m.dt * m.dt * mean_v * (bend * cosine - chord * sine)
-    y_w = 0.5 * m.dt * m.dt * mean_v * (bend * sine + chord * cosine)
+    x_v = m.plant.dt * chord * cosine
+    y_v = m.plant.dt * chord * sine
+    x_w = 0.5 * m.plant.dt * m.plant.dt * mean_v * (bend * cosine - chord * sine)
+    y_w = 0.5 * m.plant.dt * m.plant.dt * mean_v * (bend * sine + chord * cosine)
     for a in range(k + 1):
         held = share if a == k else (1.0 - share if a == k - 1 else 0.0)
-        mean = held + m.lag_mean * (slopes.lagging[a] - held)
-        slopes.lagging[a] = held + m.lag_decay * (slopes.lagging[a] - held)
+        mean = held + m.plant.lag_mean * (slopes.lagging[a] - held)
+        slopes.lagging[a] = held + m.plant.lag_decay * (slopes.lagging[a] - held)
         slopes.x_v[a] += x_v * mean
         slopes.y_v[a] += y_v * mean
         slopes.x_w[a] += x_w * mean - (to_y - y) * slopes.heading_w[a]
         slopes.y_w[a] += y_w * mean + (to_x - x) * slopes.heading_w[a]
-        slopes.heading_w[a] += m.dt * mean
+        slopes.heading_w[a] += m.plant.dt * mean
     return (to_x, to_y, to_heading), twist
 
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching
 from wayfield.envs.robots import sensing
-from wayfield.envs.robots.kinematics import integrate_arc, limit_acceleration, saturation_factor, to_body_frame
+from wayfield.envs.robots.kinematics import integrate_arc, limit_acceleration, limits, to_body_frame
 from wayfield.envs.robots.records import aligned
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies.parts.policy import Policy, check_scan
@@ -395,7 +395,7 @@ def step_and_stop(plant, hits, command, wheels, vx, vy, yaw_rate):
     heading = 0.0
     for _ in range(LONGEST_STOP):
         command_vx, command_vy, command_yaw_rate = limit_acceleration(
-            command_vx, command_vy, command_yaw_rate, vx, vy, yaw_rate, acceleration, yaw_acceleration, dt
+            (command_vx, command_vy, command_yaw_rate), (vx, vy, yaw_rate), acceleration, yaw_acceleration, dt
         )
         x, y, heading = integrate_arc(
             x,
@@ -424,21 +424,9 @@ def step_and_stop(plant, hits, command, wheels, vx, vy, yaw_rate):
 
 @inlined
 def set_command(plant, command, vx, vy, yaw_rate):
-    """Turns the last command (3,) into what the plant makes of a new one: saturation, acceleration limits."""
-    factor = saturation_factor(
-        plant.wheel_matrix, plant.num_wheels, plant.wheel_speed_limit, plant.turn_speed, vx, vy, yaw_rate
-    )
-    command[0], command[1], command[2] = limit_acceleration(
-        command[0],
-        command[1],
-        command[2],
-        factor * vx,
-        factor * vy,
-        factor * yaw_rate,
-        plant.acceleration,
-        plant.yaw_acceleration,
-        plant.dt,
-    )
+    """Turns the last command (3,) into what the plant makes of a new one."""
+    last = command[0], command[1], command[2]
+    command[0], command[1], command[2], _ = limits(plant, last, (vx, vy, yaw_rate), plant.dt)
 
 
 @inlined

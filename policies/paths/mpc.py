@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs import path_following
-from wayfield.envs.robots.kinematics import limit_acceleration, saturation_factor
-from wayfield.envs.robots.records import aligned, lag_factors, record
+from wayfield.envs.robots.kinematics import limits
+from wayfield.envs.robots.records import aligned, record
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies.parts.gain import Gains, gain
+from wayfield.policies.parts.params import PLANT, plant
 from wayfield.policies.parts.path_smoothing import smoothed
 from wayfield.policies.parts.pose_path import BEHIND, SPACING, locate, on_path
 from wayfield.policies.parts.quadratic import solution
@@ -27,13 +28,7 @@ MOST_HORIZON = 500  # steps: the Hessian grows with their square
 MODEL = aligned(
     [
         ("substeps", np.int64),  # control periods in a step
-        ("dt", np.float64),  # control period, s
-        ("lag_decay", np.float64),  # share of a deviation left after dt
-        ("lag_mean", np.float64),  # mean share of a deviation over dt
-        ("acceleration", np.float64),  # m/s^2
-        ("yaw_acceleration", np.float64),  # rad/s^2
-        ("wheel_speed_limit", np.float64),  # rad/s
-        ("turn_speed", np.float64),  # rad/s, the driver's limit of the yaw rate
+        ("plant", PLANT),
         ("speed", np.float64),  # m/s
         ("turn_radius", np.float64),  # m
         ("position", np.float64),  # twice the weights in the sum over the steps: 1/m
@@ -104,6 +99,7 @@ class Mpc(Gains):
 
     knows: ClassVar[str] = "path"
     observes: ClassVar[tuple[type, ...]] = (path_following.Observation,)
+    needs: ClassVar[tuple[str, ...]] = ("turns_on_the_spot",)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns each robot's plan, last command and count of failures, (b,); all zero: it stands."""
@@ -124,10 +120,8 @@ class Mpc(Gains):
         """Returns the twists (b, t): m/s, rad/s, and nothing sideways."""
         assert briefing.path is not None
         model = self.model(briefing)
-        wheels = np.ascontiguousarray(briefing.robot.wheel_matrix)
-        program = quadratic_program(
-            self.horizon, tuple(map(tuple, wheels[:, [0, 2]].tolist())), self.units(model[0]), self.solver_iterations
-        )
+        wheels = tuple(map(tuple, briefing.robot.wheel_matrix[:, [0, 2]].tolist()))
+        program = quadratic_program(self.horizon, wheels, self.units(model[0]), self.solver_iterations)
         reach = BEHIND + 3.0 * math.pi * self.turn_radius + self.speed * self.horizon * self.step_of(briefing)
         course, motion = smoothed(briefing.path, Motion.of(observation))
         path = np.empty((math.ceil(reach / SPACING) + 4, 3))
@@ -160,7 +154,7 @@ class Mpc(Gains):
             brake = memory["age"][i] * briefing.dt > self.patience
             if brake:
                 commands[i] = progress[i] = multipliers[i] = 0.0
-            apply(model, wheels, commands, brake, memory["command"], i, twists)
+            apply(model, commands, brake, memory["command"], i, twists)
         return unicycle_twists(briefing.robot, twists[:, 0], twists[:, 1])
 
     def step_of(self, briefing: Briefing) -> float:
@@ -173,32 +167,28 @@ class Mpc(Gains):
         They hold what is asked of a bound against what is asked of the sum: with these, found by trial, OSQP takes a
         median of some 40 iterations where it would take some 600 with SI units.
         """
-        step = float(model["dt"] * model["substeps"])
+        base = model["plant"]
+        step = float(base["dt"] * model["substeps"])
         length = self.speed * step
         return (
             self.speed / 3.0,
-            min(self.speed / 2.0, 3.0 * step * float(model["acceleration"])),
-            min(self.speed / self.turn_radius / 3.0, 3.0 * step * float(model["yaw_acceleration"])),
+            min(self.speed / 2.0, 3.0 * step * float(base["acceleration"])),
+            min(self.speed / self.turn_radius / 3.0, 3.0 * step * float(base["yaw_acceleration"])),
             length,
-            float(model["wheel_speed_limit"]),
+            float(base["wheel_speed_limit"]),
             length,
         )
 
     def model(self, briefing: Briefing) -> NDArray[np.void]:
         """Returns one MODEL record, (1,): the robot, its actuators and the weights of the sum."""
-        robot, actuators, step = briefing.robot, briefing.actuators, self.step_of(briefing)
-        lag_decay, lag_mean = lag_factors(actuators.reaction, briefing.dt)
+        step, actuators = self.step_of(briefing), briefing.actuators
+        base = plant(briefing.robot, actuators, briefing.dt)[0]
+        base["acceleration"], base["yaw_acceleration"] = actuators.acceleration, actuators.yaw_acceleration
         return record(
             MODEL,
             {
                 "substeps": round(step / briefing.dt),
-                "dt": briefing.dt,
-                "lag_decay": lag_decay,
-                "lag_mean": lag_mean,
-                "acceleration": actuators.acceleration,
-                "yaw_acceleration": actuators.yaw_acceleration,
-                "wheel_speed_limit": robot.rated_wheel_speed if actuators.at_rated_speed else robot.peak_wheel_speed,
-                "turn_speed": robot.turn_speed,
+                "plant": base,
                 "speed": self.speed,
                 "turn_radius": self.turn_radius,
                 "position": 2.0 * self.position * step,
@@ -443,13 +433,13 @@ def bound(m, start, last, program):
     lower = program.lower
     upper = program.upper
     n = program.gradient.shape[0] // 3
-    step = m.substeps * m.dt
+    step = m.substeps * m.plant.dt
     lower[:n] = 0.0
     upper[:n] = m.speed
-    lower[n : 2 * n] = -m.acceleration * step
-    upper[n : 2 * n] = m.acceleration * step
-    lower[2 * n : 3 * n] = -m.yaw_acceleration * step
-    upper[2 * n : 3 * n] = m.yaw_acceleration * step
+    lower[n : 2 * n] = -m.plant.acceleration * step
+    upper[n : 2 * n] = m.plant.acceleration * step
+    lower[2 * n : 3 * n] = -m.plant.yaw_acceleration * step
+    upper[2 * n : 3 * n] = m.plant.yaw_acceleration * step
     lower[3 * n : 4 * n] = 0.0
     upper[3 * n : 4 * n] = m.speed * step
     for j in range(2):
@@ -457,8 +447,8 @@ def bound(m, start, last, program):
         upper[(1 + j) * n] += last[j]
     lower[3 * n] += start[3]
     upper[3 * n] += start[3]
-    lower[4 * n : -1] = -m.wheel_speed_limit
-    upper[4 * n : -1] = m.wheel_speed_limit
+    lower[4 * n : -1] = -m.plant.wheel_speed_limit
+    upper[4 * n : -1] = m.plant.wheel_speed_limit
     lower[-1] = -np.inf
     upper[-1] = start[4]
 
@@ -481,16 +471,14 @@ def take_plan(unknowns, start, commands, progress, i):
 
 @any_layout
 @compiled
-def apply(model, wheels, commands, brake, command, i, twists):
+def apply(model, commands, brake, command, i, twists):
     """Sets the twist of robot i: its plan's command a control period ahead, within reach of the last command."""
     m = model[0]
     share = 0.0 if brake else 1.0 / m.substeps
     v = 0.0 if brake else command[i, 0] + share * (commands[i, 0, 0] - command[i, 0])
     w = 0.0 if brake else command[i, 1] + share * (commands[i, 1, 0] - command[i, 1])
     v = min(max(v, 0.0), m.speed)
-    factor = saturation_factor(wheels, wheels.shape[0], m.wheel_speed_limit, m.turn_speed, v, 0.0, w)
-    command[i, 0], _, command[i, 1] = limit_acceleration(
-        command[i, 0], 0.0, command[i, 1], factor * v, 0.0, factor * w, m.acceleration, m.yaw_acceleration, m.dt
-    )
+    last = command[i, 0], 0.0, command[i, 1]
+    command[i, 0], _, command[i, 1], _ = limits(m.plant, last, (v, 0.0, w), m.plant.dt)
     twists[i, 0] = command[i, 0]
     twists[i, 1] = command[i, 1]

@@ -69,6 +69,7 @@ class RegulatedPurePursuit(Gains):
 
     knows: ClassVar[str] = "path"
     observes: ClassVar[tuple[type, ...]] = (path_following.Observation,)
+    needs: ClassVar[tuple[str, ...]] = ("turns_on_the_spot",)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns the last command of each robot, (b, 2): forward speed and yaw rate, at rest."""
@@ -114,10 +115,7 @@ def pursue(params, course, motion, commands):
             w = min(max(w, w_low), w_high)
         else:
             v_max = speed_ahead(p, vertices, run, along, segment, plant.lag * v0)
-            v_max *= saturation_factor(
-                plant.wheel_matrix, plant.num_wheels, plant.wheel_speed_limit, plant.turn_speed,
-                v_max, 0.0, curvature * v_max,
-            )  # fmt: skip
+            v_max *= saturation_factor(plant, v_max, 0.0, curvature * v_max)
             v_high = max(min(v0 + plant.acceleration * plant.dt, v_max), v_low)
             v, w = fastest_on_line(curvature, v_low, v_high, w_low, w_high)
         # off the line a wheel may still be asked for too much; braking makes room for at least a part of the last turn

@@ -84,6 +84,7 @@ class AstarTracker(PolylineTracker):
 
     knows: ClassVar[str] = "map"
     observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
+    needs: ClassVar[tuple[str, ...]] = ("turns_on_the_spot",)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns memory without plans, `memory_of` records (b,): a robot plans when it first acts.

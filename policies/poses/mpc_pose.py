@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching
-from wayfield.envs.robots.kinematics import limit_acceleration, saturation_factor
-from wayfield.envs.robots.records import lag_factors
+from wayfield.envs.robots.kinematics import limit_acceleration, limits
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies.parts.arriving import is_there, stay_radius, turn_rate
 from wayfield.policies.parts.gain import Gains, gain
@@ -92,6 +91,7 @@ class MpcPose(Gains):
 
     knows: ClassVar[str] = "sensors"
     observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
+    needs: ClassVar[tuple[str, ...]] = ("turns_on_the_spot",)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns each robot's plan, last command and count of failures, (b,); all zero: it stands."""
@@ -111,14 +111,10 @@ class MpcPose(Gains):
     def act(self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]) -> Array:
         """Returns the twists (b, t): m/s, rad/s, and nothing sideways."""
         actuators, robot = briefing.actuators, briefing.robot
-        decay, mean = lag_factors(actuators.reaction, briefing.dt)
         p = params(
             self,
             briefing,
             substeps=max(round(self.step / briefing.dt), 1),
-            dt=briefing.dt,
-            lag_decay=decay,
-            lag_mean=mean,
             max_speed=self.speed,
             deceleration=0.4 * min(actuators.acceleration, 1.0),
             k_rho=3.0,
@@ -126,10 +122,8 @@ class MpcPose(Gains):
             k_beta=-1.5,
             yaw_acceleration=min(self.yaw_acceleration, actuators.yaw_acceleration),
         )
-        wheels = np.ascontiguousarray(robot.wheel_matrix)
-        program = pose_program(
-            self.horizon, tuple(map(tuple, wheels[:, [0, 2]].tolist())), self.speed, self.solver_iterations
-        )
+        wheels = tuple(map(tuple, robot.wheel_matrix[:, [0, 2]].tolist()))
+        program = pose_program(self.horizon, wheels, self.speed, self.solver_iterations)
         twists = np.empty((len(memory), 2))
         commands, command = memory["commands"], memory["command"]
         seen = Seen(observation.goal, observation.goal_heading_error, observation.waypoints_left, observation.twist)
@@ -143,7 +137,7 @@ class MpcPose(Gains):
                 memory["qp_failures"][i] += 1
             else:
                 improve(p, seen, command, commands, i, cost, change)
-            apply(p, wheels, commands, command, i, twists)
+            apply(p, commands, command, i, twists)
         return unicycle_twists(robot, twists[:, 0], twists[:, 1])
 
 
@@ -307,7 +301,7 @@ def polar_plan(p, radius, pose, twist, last, way, plan):
                 to_v = 0.0
                 to_w = turn_rate(p, -heading)
             v, _, w = limit_acceleration(
-                v, 0.0, w, to_v, 0.0, to_w, p.plant.acceleration, p.plant.yaw_acceleration, p.dt
+                (v, 0.0, w), (to_v, 0.0, to_w), p.plant.acceleration, p.plant.yaw_acceleration, p.plant.dt
             )
             pose, twist, _ = lagged_period(p, pose, twist, (v, w))
         plan[0, k] = v
@@ -427,7 +421,7 @@ def add_square(weight, value, slope, k, program):
 def bound(p, last, plan, program):
     """Fills the bounds of the rows of `PoseProgram`: what the plan leaves of what the robot can."""
     n = plan.shape[1]
-    step = p.substeps * p.dt
+    step = p.substeps * p.plant.dt
     lower = program.lower
     upper = program.upper
     for j in range(2):
@@ -472,16 +466,12 @@ def improve(params, seen, command, commands, i, cost, change):
 
 @any_layout
 @compiled
-def apply(params, wheels, commands, command, i, twists):
+def apply(params, commands, command, i, twists):
     """Sets the twist of robot i: its plan's command a control period ahead, within reach of the last command."""
     p = params[0]
     share = 1.0 / p.substeps
     v = command[i, 0] + share * (commands[i, 0, 0] - command[i, 0])
     w = command[i, 1] + share * (commands[i, 1, 0] - command[i, 1])
-    factor = saturation_factor(wheels, wheels.shape[0], p.plant.wheel_speed_limit, p.plant.turn_speed, v, 0.0, w)
-    command[i, 0], _, command[i, 1] = limit_acceleration(
-        command[i, 0], 0.0, command[i, 1], factor * v, 0.0, factor * w, p.plant.acceleration, p.plant.yaw_acceleration,
-        p.dt,
-    )  # fmt: skip
+    command[i, 0], _, command[i, 1], _ = limits(p.plant, (command[i, 0], 0.0, command[i, 1]), (v, 0.0, w), p.plant.dt)
     twists[i, 0] = command[i, 0]
     twists[i, 1] = command[i, 1]

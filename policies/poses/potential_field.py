@@ -61,6 +61,7 @@ class PotentialField(Gains):
 
     knows: ClassVar[str] = "map"
     observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
+    needs: ClassVar[tuple[str, ...]] = ("turns_on_the_spot",)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns the side and the steps of each robot, MEMORY records (b,)."""
@@ -129,6 +130,7 @@ class CorrectedField(Gains):
 
     knows: ClassVar[str] = "map"
     observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
+    needs: ClassVar[tuple[str, ...]] = ("turns_on_the_spot",)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns the side and the steps of each robot, and where it rests, MEMORY records (b,)."""

@@ -91,6 +91,7 @@ class ReedsShepp(Gains):
 
     knows: ClassVar[str] = "map"
     observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
+    needs: ClassVar[tuple[str, ...]] = ("turns_on_the_spot",)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns the plans of each robot, MEMORY records (b,), none yet."""

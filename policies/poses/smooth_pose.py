@@ -88,6 +88,7 @@ class SmoothPose(Gains):
 
     knows: ClassVar[str] = "path"
     observes: ClassVar[tuple[type, ...]] = (path_following.Observation, goal_reaching.Observation)
+    needs: ClassVar[tuple[str, ...]] = ("turns_on_the_spot",)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns whether each robot has arrived at its goal and which way it drives, MEMORY records (b,)."""

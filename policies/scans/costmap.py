@@ -93,6 +93,7 @@ class CostmapController(Gains, Policy):
 
     knows: ClassVar[str] = "sensors"
     observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
+    needs: ClassVar[tuple[str, ...]] = ("turns_on_the_spot",)
 
     @property
     def remembers(self) -> list[Any]:

@@ -106,6 +106,7 @@ class Dwa(Gains):
 
     knows: ClassVar[str] = "sensors"
     observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
+    needs: ClassVar[tuple[str, ...]] = ("turns_on_the_spot",)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns what each robot remembers, (b,): a record of STATE and the scans of `remembering`.
@@ -220,9 +221,7 @@ def fill_disc(p, command, aim, turn, fastest, candidates):
 @inlined
 def put(plant, candidates, c, vx, vy, w):
     """Enters a twist, cut to what the wheels can turn."""
-    factor = saturation_factor(
-        plant.wheel_matrix, plant.num_wheels, plant.wheel_speed_limit, plant.turn_speed, vx, vy, w
-    )
+    factor = saturation_factor(plant, vx, vy, w)
     candidates[c, 0] = factor * vx
     candidates[c, 1] = factor * vy
     candidates[c, 2] = factor * w

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching
-from wayfield.envs.robots.kinematics import integrate_arc, limit_acceleration, saturation_factor
+from wayfield.envs.robots.kinematics import integrate_arc, limits
 from wayfield.envs.robots.records import lag_factors
 from wayfield.envs.scenarios.ways import reached
 from wayfield.envs.tasks.briefing import Briefing
@@ -103,6 +103,7 @@ class Mppi(Gains):
 
     knows: ClassVar[str] = "sensors"
     observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
+    needs: ClassVar[tuple[str, ...]] = ("turns_on_the_spot",)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -504,22 +505,8 @@ def begun(command, wheels):
 @inlined
 def moved(p, state, to_vx, to_vy, to_yaw_rate):
     """Returns a rollout's state after a step with a requested twist: saturation, acceleration limits, lag, motion."""
-    plant = p.plant
     x, y, heading, wheel_vx, wheel_vy, wheel_yaw_rate, vx, vy, yaw_rate = state
-    factor = saturation_factor(
-        plant.wheel_matrix, plant.num_wheels, plant.wheel_speed_limit, plant.turn_speed, to_vx, to_vy, to_yaw_rate
-    )
-    vx, vy, yaw_rate = limit_acceleration(
-        vx,
-        vy,
-        yaw_rate,
-        factor * to_vx,
-        factor * to_vy,
-        factor * to_yaw_rate,
-        plant.acceleration,
-        plant.yaw_acceleration,
-        p.step_time,
-    )
+    vx, vy, yaw_rate, _ = limits(p.plant, (vx, vy, yaw_rate), (to_vx, to_vy, to_yaw_rate), p.step_time)
     mean_vx = vx + p.step_mean * (wheel_vx - vx)
     mean_vy = vy + p.step_mean * (wheel_vy - vy)
     mean_yaw_rate = yaw_rate + p.step_mean * (wheel_yaw_rate - yaw_rate)

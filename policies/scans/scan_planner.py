@@ -109,6 +109,7 @@ class ScanPlanner(PolylineTracker):
 
     knows: ClassVar[str] = "sensors"
     observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
+    needs: ClassVar[tuple[str, ...]] = ("turns_on_the_spot",)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns an empty map and no plan for each robot, (b,): a record of STATE and the scans of `remembering`.

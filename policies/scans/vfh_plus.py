@@ -116,6 +116,7 @@ class VfhPlus(Gains):
 
     knows: ClassVar[str] = "sensors"
     observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
+    needs: ClassVar[tuple[str, ...]] = ("turns_on_the_spot",)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns what each robot remembers, (b,): a record of STATE and the scans of `remembering`.
@@ -398,9 +399,7 @@ def fastest_that_stops(p, hits, command, wheels, heading, turn, fastest, primary
     vy = 0.0
     for n in range(SPEEDS, -1, -1):
         v = fastest * n / SPEEDS
-        factor = saturation_factor(
-            plant.wheel_matrix, plant.num_wheels, plant.wheel_speed_limit, plant.turn_speed, v * cosine, v * sine, w
-        )
+        factor = saturation_factor(plant, v * cosine, v * sine, w)
         vx = factor * v * cosine
         vy = factor * v * sine
         free = free_time(hits, vx, vy, factor * w, AHEAD)

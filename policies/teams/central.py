@@ -81,6 +81,7 @@ class Central(Gains):
 
     knows: ClassVar[str] = "team_map"
     observes: ClassVar[tuple[type, ...]] = (team_worlds.Observation,)
+    needs: ClassVar[tuple[str, ...]] = ("turns_on_the_spot",)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns MEMORY records (b,)."""

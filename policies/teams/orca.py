@@ -98,6 +98,7 @@ class Orca(Gains):
 
     knows: ClassVar[str] = "map"
     observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
+    needs: ClassVar[tuple[str, ...]] = ("turns_on_the_spot",)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns `memory_of` records (b,): the number of decisions, which tells where things move to, and its way."""

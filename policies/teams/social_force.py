@@ -46,6 +46,7 @@ class SocialForce(Gains):
 
     knows: ClassVar[str] = "bodies"
     observes: ClassVar[tuple[type, ...]] = (team_worlds.Observation,)
+    needs: ClassVar[tuple[str, ...]] = ("turns_on_the_spot",)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns MEMORY records (b,)."""

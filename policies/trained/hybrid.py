@@ -50,6 +50,7 @@ class Hybrid(Gains):
 
     knows: ClassVar[str] = "sensors"
     observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
+    needs: ClassVar[tuple[str, ...]] = ("turns_on_the_spot",)
 
     def agent(self, briefing: Briefing) -> Agent:
         """Returns the agent that drives.

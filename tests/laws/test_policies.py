@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 import wayfield  # noqa: F401  registers the environments
 from wayfield import policies
 from wayfield.envs import goal_reaching, path_following, team_worlds
+from wayfield.envs.robots import ROBOTS
 from wayfield.envs.tasks.briefing import KNOWS, Briefing
 from wayfield.envs.tasks.specs import TASKS
 from wayfield.policies import POLICIES, Pilot
@@ -256,9 +257,13 @@ def test_a_policy_for_another_task_is_refused(name: str, env_id: str) -> None:
 def test_a_policy_is_refused_by_a_robot_that_cannot_do_what_it_needs() -> None:
     able = "omni3, omni4, mecanum4"
     for make in (gymnasium.make, gymnasium.make_vec):
-        with pytest.raises(ValueError, match=rf"Waypoint drives holonomic robots only \({able}\), not 'p3dx'"):
+        with pytest.raises(ValueError, match=rf"Waypoint needs a robot that goes sideways \({able}\); 'p3dx' does not"):
             Pilot(policies.make("waypoint"), make(DIFF_GOAL_ID))
         Pilot(policies.make("waypoint"), make(GOAL_ID))
+    car = dataclasses.replace(ROBOTS["p3dx"], name="car", turning_radius=0.5)
+    env = gymnasium.make(DIFF_GOAL_ID, robot=car)
+    with pytest.raises(ValueError, match=r"Polar needs a robot that turns on the spot, .*; 'car' does"):
+        Pilot(policies.make("polar"), env)
 
 
 # What they are told.

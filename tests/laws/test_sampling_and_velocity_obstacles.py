@@ -229,7 +229,7 @@ def passes(
         wanted = np.zeros(3)
         wanted[axes] = policy.act(seen, briefing, memory)[0]
         command = np.array(
-            limit_acceleration(*command, *wanted, actuators.acceleration, actuators.yaw_acceleration, DT)
+            limit_acceleration(tuple(command), tuple(wanted), actuators.acceleration, actuators.yaw_acceleration, DT)
         )
         pose = np.array(integrate_arc(*pose, *(command + mean * (wheel - command)), DT))
         wheel = command + decay * (wheel - command)

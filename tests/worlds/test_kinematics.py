@@ -1,5 +1,6 @@
 """Rigid-body wheel maps, saturation, actuator dynamics and exact arcs against their textbook definitions."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -11,8 +12,9 @@ from scipy.integrate import trapezoid
 from scipy.linalg import expm
 
 from wayfield.envs.robots import ACTUATORS, ROBOTS, Robot, kinematics
-from wayfield.envs.robots.kinematics import integrate_arc, limit_acceleration, saturation_factor, to_body_frame
+from wayfield.envs.robots.kinematics import integrate_arc, limit_acceleration, limits, saturation_factor, to_body_frame
 from wayfield.envs.robots.records import lag_factors
+from wayfield.policies.parts.params import plant
 
 SPEEDS = st.floats(-3.0, 3.0)
 TWISTS = st.tuples(SPEEDS, SPEEDS, st.floats(-8.0, 8.0))
@@ -95,7 +97,9 @@ def test_the_printed_plain_sum_over_reads(robot: Robot, twist: tuple[float, floa
 def test_saturation_keeps_direction_and_is_no_tighter_than_it_must(
     robot: Robot, twist: tuple[float, float, float], limit: float, turn_limit: float
 ) -> None:
-    factor = saturation_factor(robot.wheel_matrix, len(robot.wheel_matrix), limit, turn_limit, *twist)
+    sheet = plant(robot, robot.actuators("lagged"), 0.05)
+    sheet["wheel_speed_limit"], sheet["turn_speed"] = limit, turn_limit
+    factor = saturation_factor(sheet[0], *twist)
     # how many times too fast the wheels would turn, and the base
     over = max(np.abs(robot.wheel_matrix @ twist).max() / limit, abs(twist[2]) / turn_limit)
     assert 0.0 < factor <= 1.0
@@ -116,7 +120,7 @@ def test_acceleration_limits(
     yaw_acceleration: float,
     dt: float,
 ) -> None:
-    got = np.array(limit_acceleration(*twist, *wanted, acceleration, yaw_acceleration, dt))
+    got = np.array(limit_acceleration(twist, wanted, acceleration, yaw_acceleration, dt))
     change, asked = got - twist, np.subtract(wanted, twist)
     speed, asked_speed = np.hypot(*change[:2]), np.hypot(*asked[:2])
     assert speed == pytest.approx(min(asked_speed, acceleration * dt), abs=1e-12)
@@ -127,7 +131,19 @@ def test_acceleration_limits(
 
 
 def test_no_limit_is_no_limit() -> None:
-    assert limit_acceleration(0.0, 0.0, 0.0, 5.0, -2.0, 60.0, math.inf, math.inf, 0.05) == (5.0, -2.0, 60.0)
+    assert limit_acceleration((0.0, 0.0, 0.0), (5.0, -2.0, 60.0), math.inf, math.inf, 0.05) == (5.0, -2.0, 60.0)
+
+
+@given(TWISTS, st.floats(0.05, 2.0), st.integers(0, 100))
+def test_a_steered_base_turns_on_no_smaller_radius_than_its_own(
+    wanted: tuple[float, float, float], radius: float, seed: int
+) -> None:
+    car = dataclasses.replace(ROBOTS["p3dx"], name="car", turning_radius=radius)
+    sheet = plant(car, car.actuators("lagged"), 0.05)[0]
+    last = (0.0, 0.0, 0.0)
+    for turn in np.random.default_rng(seed).uniform(-2.0, 2.0, 40):
+        *last, _ = limits(sheet, tuple(last), (wanted[0], 0.0, wanted[2] + turn), 0.05)
+        assert abs(last[2]) * radius <= abs(last[0]) * (1.0 + 1e-12)
 
 
 @given(st.floats(0.01, 2.0), st.floats(0.001, 0.5))
