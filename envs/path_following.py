@@ -23,6 +23,7 @@ from wayfield.envs.tasks.sheets import (
     OMNI_ROBOTS,
     sheet_like,
 )
+from wayfield.envs.tasks.specs import TaskSpec
 from wayfield.envs.tasks.stepping import (
     Outputs,
     Robots,
@@ -106,7 +107,7 @@ class Observation(NamedTuple):
     preview: NDArray[Any]  # (b, k, 2) points of the path ahead, body frame, m
 
     @staticmethod
-    def layout(num_twist: int, num_preview: int) -> "Layout[Observation]":
+    def layout(num_twist: int, num_preview: int, task: TaskSpec = TASKS["path_following"]) -> "Layout[Observation]":
         """Returns the order of the fields in the flat observation."""
         pi = float(np.nextafter(np.float32(math.pi), np.float32(4)))
         return Layout(
@@ -119,7 +120,7 @@ class Observation(NamedTuple):
                 Field("arc_length", (), 0.0, np.inf),
                 Field("preview", (num_preview, 2), -np.inf, np.inf),
             ),
-            TASKS["path_following"],
+            task,
         )
 
 
@@ -319,15 +320,17 @@ class PathFollowing(Task):
     draws = DRAWS
     step_rows = staticmethod(step_rows)
     reset_rows = staticmethod(reset_rows)
+    belongs_to: ClassVar[TaskSpec] = TASKS["path_following"]
+    numbers: ClassVar[type[Params]] = Params
 
     def __init__(self, scenario: str, options: Options, scale: float = 1.0, **params: Any) -> None:
-        self.scenarios: tuple[PathScenario, ...] = path_scenarios(scenario, scale)
+        self.scenarios: tuple[PathScenario, ...] = path_scenarios(scenario, scale, self.belongs_to)
         self.options = options
         self.robot = options.robot
-        self.task_params = Params(**params)
+        self.task_params = self.numbers(**params)
         courses, pool = _courses_and_paths(self.scenarios)
         self.pool = pool
-        self.layout = Observation.layout(len(self.robot.twist_axes), self.task_params.num_preview)
+        self.layout = Observation.layout(len(self.robot.twist_axes), self.task_params.num_preview, self.belongs_to)
         self.beam_angles = np.empty(0)
         self.max_obstacles = 0
         self.world = (courses, pool.vertices, pool.runs)
@@ -476,6 +479,7 @@ class DiffDrivePathFollowing(SingleEnv):
     """
 
     robots: ClassVar[tuple[str, ...]] = robots_with(holonomic=False)  # the first is the default
+    asks: ClassVar[type[PathFollowing]] = PathFollowing
 
     def __init__(
         self,
@@ -496,7 +500,7 @@ class DiffDrivePathFollowing(SingleEnv):
         address: str | None = None,
     ) -> None:
         super().__init__(
-            PathFollowing(
+            self.asks(
                 scenario,
                 Options.of(
                     self.robots,

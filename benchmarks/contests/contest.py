@@ -24,7 +24,6 @@ from wayfield.benchmarks.records.episode import Episodes
 from wayfield.benchmarks.records.trajectory import Trajectory
 from wayfield.envs.robots import ROBOTS, AnyRobot, Robot, robot_of, shipped_name
 from wayfield.envs.scenarios import TaskSpec
-from wayfield.envs.scenarios.goal_families import LARGEST_HULL
 from wayfield.envs.scenarios.splits import members
 from wayfield.envs.tasks.specs import Cost
 from wayfield.envs.tasks.task import CONTROL_PERIOD
@@ -385,8 +384,8 @@ class Contest:
         """Returns the trained policies among names of which no agent ships for the robot, each with a line about it."""
         robot = robot_of(robot)
         given = robot.name if isinstance(shipped_name(robot), str) else f"{robot.name}.json"
-        if robot.hull_radius > LARGEST_HULL and not self.spec.on_path:
-            told = f"none can be trained for a hull of {robot.hull_radius:.3g} m, beyond {LARGEST_HULL:g} m"
+        if robot.hull_radius > (most := self.spec.repertoire.largest_hull):
+            told = f"none can be trained for a hull of {robot.hull_radius:.3g} m, beyond {most:g} m"
         else:
             told = f"wayfield train {self.env_id(robot)} --robot {given} trains one"
         lacking = [name for name in names if name in TRAINED and not any(self.gain_sets(name, robot, ()))]

@@ -52,6 +52,11 @@ class OwnScenario:
         """Returns the options of the environment that are the scenario's."""
         return {} if self.scale is None else {"scale": self.scale}
 
+    @property
+    def is_path(self) -> bool:
+        """Returns whether it is a path, beside which nothing stands."""
+        return self.contest.spec.observes == "path"
+
     @functools.cached_property
     def tiered(self) -> Any:
         """Returns the scenario with its tier and the quantity behind it."""
@@ -94,7 +99,7 @@ def _own(file: str, scale: float | None, digest: str) -> OwnScenario:
     contest = OF_KIND[kind_of(file)]
     spec = contest.spec
     scenario: Any
-    if not spec.on_path:
+    if spec.observes != "path":
         if scale is not None:
             raise ValueError(f"--scale belongs to paths: the file holds a {spec.kind} scenario")
         (scenario,) = scenarios_of(spec, file, FINEST)
@@ -106,7 +111,7 @@ def _own(file: str, scale: float | None, digest: str) -> OwnScenario:
     else:
         scale = scale or 1.0
         (scenario,) = scenarios_of(spec, file, FINEST, scale)
-        length = max(scenario.laps, 1) * scenario.path.length
+        length = scenario.length
         shorter = f" with --scale, {_LONGEST / length * scale:.2g} for example"
     if length > _LONGEST:
         raise ValueError(
@@ -142,7 +147,7 @@ def own_cases(
     for name in names or ():
         if name in untrained:
             raise ValueError(f"--{untrained[name]}")
-    if not own.contest.spec.on_path:
+    if not own.is_path:
         scenarios_of(own.contest.spec, own.file, robot.hull_radius)
     if names is None:
         there = (name for name in POLICIES[kind] if name not in untrained)
@@ -169,7 +174,7 @@ def without_way(file: str, robot: AnyRobot = "p3dx") -> str:
     """
     try:
         own = own_scenario(file)
-        if not own.contest.spec.on_path:
+        if not own.is_path:
             shortest_way(own.scenario, robot_of(robot).hull_radius)
     except ValueError as error:
         return f"{file}: {error}: whoever drives there, nobody arrives"
@@ -188,7 +193,10 @@ def own_courses(folder: str, scale: float | None, robot: AnyRobot) -> tuple[Cont
     files = sorted(file for file in Path(folder).iterdir() if file.suffix.lower() in SUFFIXES and file.name[0] != ".")
     if not files:
         raise ValueError(f"{folder!r} holds no scenarios: no {', '.join(SUFFIXES)} file")
-    own = [own_scenario(str(file), scale if OF_KIND[kind_of(str(file))].spec.on_path else None) for file in files]
+    own = [
+        own_scenario(str(file), scale if OF_KIND[kind_of(str(file))].spec.observes == "path" else None)
+        for file in files
+    ]
     kinds = {each.contest.spec.kind: file.name for each, file in zip(own, files, strict=True)}
     if len(kinds) > 1:
         found = " and ".join(f"a {kind} ({name})" for kind, name in kinds.items())
@@ -201,14 +209,13 @@ def own_courses(folder: str, scale: float | None, robot: AnyRobot) -> tuple[Cont
     contest = own[0].contest
     if scale is not None and own[0].scale is None:
         raise ValueError(f"--scale belongs to paths: the files hold {contest.spec.kind} scenarios")
-    if not contest.spec.on_path:
-        hull = robot_of(robot).hull_radius
-        for each in own:
-            scenarios_of(contest.spec, each.file, hull)
-            try:
-                shortest_way(each.scenario, hull)
-            except ValueError as error:
-                raise ValueError(f"{each.file}: {error}") from None
+    hull = robot_of(robot).hull_radius
+    for each in own if not own[0].is_path else ():
+        scenarios_of(contest.spec, each.file, hull)
+        try:
+            shortest_way(each.scenario, hull)
+        except ValueError as error:
+            raise ValueError(f"{each.file}: {error}") from None
     return contest, tuple(
         Course(file.stem, OWN_SPLIT, each.file, each.steps, each.env_kwargs)
         for file, each in zip(files, own, strict=True)

@@ -15,7 +15,7 @@ from wayfield.benchmarks.episodes.shortest import shortest_way
 from wayfield.benchmarks.records.cases import Case, Rules
 from wayfield.benchmarks.records.trajectory import Trajectory
 from wayfield.envs.scenarios import spec_of
-from wayfield.envs.tasks.briefing import Briefing
+from wayfield.envs.tasks.briefing import Briefing, Course
 from wayfield.envs.tasks.specs import CROWDS
 from wayfield.envs.vector import NativeVectorEnv
 from wayfield.policies.parts.policy import Policy
@@ -139,8 +139,8 @@ def _trajectory(
         success=flags["success"],
         collision=flags["collision"],
     )
-    if env.task.spec.on_path:
-        return _on_path(driven, env.task, briefing, policy, states, flags)
+    if briefing.path is not None:
+        return _along(driven, env.task, briefing, briefing.path, policy, states, flags)
     assert briefing.goal is not None
     scenario = env.task.scenarios[int(states["scenario"][0])]
     driven = dataclasses.replace(
@@ -170,10 +170,11 @@ def _under(rules: Rules, driven: Trajectory, scenario: Any) -> Trajectory:
     )
 
 
-def _on_path(
+def _along(
     driven: Trajectory,
     task: Any,
     briefing: Briefing,
+    path: Course,
     policy: Policy,
     states: NDArray[Any],
     flags: dict[str, bool],
@@ -185,8 +186,7 @@ def _on_path(
     last = vertices[-1]
     end_pose = (last["x"], last["y"], math.atan2(last["uy"], last["ux"]))
     lookahead = policy if isinstance(policy, Lookahead) else Lookahead()
-    assert briefing.path is not None
-    along = dataclasses.replace(briefing, path=briefing.path._replace(path_index=np.full(len(states), scenario)))
+    along = dataclasses.replace(briefing, path=path._replace(path_index=np.full(len(states), scenario)))
     laps = task.scenarios[scenario].laps
     completion = float(states["arc_length"].max() / (run["length"] * max(laps, 1)))
     # on laps without end the environment knows no success: a lap kept inside the corridor is one

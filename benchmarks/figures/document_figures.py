@@ -199,13 +199,15 @@ FIGURES: Mapping[str, Figures] = {
     "B": {"waypoints": waypoints},
     "C": {"potential_field": goal_seekers},
 }
-_ON_PATHS: Figures = {"trajectories": driven_paths, "errors": reference_errors}
-_TO_POSES: Figures = {"trajectories": goal_seekers}
+_OWN: Mapping[str, Figures] = {
+    "path": {"trajectories": driven_paths, "errors": reference_errors},
+    "goal": {"trajectories": goal_seekers},
+}  # by what is observed
 
 
 def figures_of(document: str) -> Figures:
     """Returns the figures of a document, or those of a scenario of the user's own, by their names."""
-    return FIGURES[document] if document in FIGURES else _ON_PATHS if OF_KIND[document].spec.on_path else _TO_POSES
+    return FIGURES[document] if document in FIGURES else _OWN[OF_KIND[document].spec.observes]
 
 
 def _label(row: Row) -> str:

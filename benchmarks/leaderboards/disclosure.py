@@ -14,9 +14,11 @@ _TOLD: Mapping[str, str] = {
     "map": "the goal, every obstacle and how it moves",
     "team_map": "the goals of the whole team, every obstacle and how it moves; in every step, where all robots are",
 }
-_SEES_PATHS = "its exact pose, errors and twist; the true path, a metre ahead"
-_SEES_GOALS = "its exact pose and twist, where the goal is, its scan"
-_SEES_BODIES = "its exact pose and twist, where the goal is, its scan, the ten nearest bodies in sight"
+_SEES: Mapping[str, str] = {
+    "path": "its exact pose, errors and twist; the true path, a metre ahead",
+    "goal": "its exact pose and twist, where the goal is, its scan",
+    "bodies": "its exact pose and twist, where the goal is, its scan, the ten nearest bodies in sight",
+}
 _AGENT_ON_PATHS = (
     "its last commands; holds a quicker base to the accelerations and the lag that it knows; its reward was the exact "
     "error"
@@ -48,13 +50,10 @@ class Disclosure:
 
 def disclosed(policy: str, gains_name: str, knows: str, contest: Contest) -> Disclosure:
     """Returns what an entry has; of a policy from outside of the package, what it declares that it knows."""
-    on_path = contest.spec.on_path
-    sees = _SEES_PATHS if on_path else _SEES_GOALS
-    if knows.removeprefix("own, ") == "bodies":
-        sees = _SEES_BODIES
-    known = knows.removeprefix("own, ")
+    observed, known = contest.spec.observes, knows.removeprefix("own, ")
+    sees = _SEES["bodies" if known == "bodies" else observed]
     # a policy with access to the path gets the goal where there is no path
-    told = _TOLD.get("goal" if known == "path" and not on_path else known, knows)
+    told = _TOLD.get(observed if known == "path" else known, knows)
     if policy in TRAINED:
         alone = _HYBRID_AT_GOALS if policy == "hybrid" else _AGENTS.get(contest.spec.kind, "")
         return Disclosure(told, sees, ABOUT[policy].protected or alone)

@@ -189,8 +189,8 @@ def ranked(rows: Episodes) -> tuple[str, Table]:
 
     A run that succeeds comes before one that fails; then the error counts on a path, and elsewhere the time.
     """
-    on_path = not np.isnan(rows["cross_track_rms"]).all()
-    metric, name, decimals = ("cross_track_rms", "RMS error (m)", 4) if on_path else ("time", "time (s)", 2)
+    followed = not np.isnan(rows["cross_track_rms"]).all()
+    metric, name, decimals = ("cross_track_rms", "RMS error (m)", 4) if followed else ("time", "time (s)", 2)
 
     def cost(row: Row) -> float:
         return math.inf if math.isnan(row[metric]) else float(row[metric])

@@ -97,7 +97,7 @@ def plain(scenario: Any, steps: int) -> World:
         "start_offset": scenario.start_offset,
         "start_turn": scenario.start_turn,
     }
-    if spec.on_path:
+    if spec.observes == "path":
         return world | {
             "path": scenario.path.points.tolist(),
             "closed": scenario.path.closed,

@@ -129,12 +129,12 @@ def heads_first(settings: Sequence[Setting]) -> list[int]:
     ranked = []
     for i, setting in enumerate(settings):
         case = setting.case
-        on_path = spec_of(case.env_id).on_path
-        plant, driver = (str(on_path), setting.dynamics), (case.document, case.policy, setting.dynamics)
+        observed = spec_of(case.env_id).observes
+        plant, driver = (observed, setting.dynamics), (case.document, case.policy, setting.dynamics)
         if plant not in plants:
-            rank = 1 if on_path else 0
+            rank = 1 if observed == "path" else 0
         elif driver not in drivers:
-            rank = 2 if on_path else 3
+            rank = 2 if observed == "path" else 3
         else:
             rank = 4
         plants.add(plant)

@@ -231,7 +231,7 @@ def contest_of(task: str) -> Contest:
 def decisions(task: str) -> dict[str, Decision]:
     """Returns the compiled decisions of those that drive in the page in a task."""
     contest = contest_of(task)
-    known = ALONG_PATHS if contest.spec.on_path else AMONG_BODIES if task in CROWDS else TO_POSES
+    known = AMONG_BODIES if task in CROWDS else ALONG_PATHS if contest.spec.observes == "path" else TO_POSES
     return {name: each for name, each in known.items() if name in (*contest.policies, *OF_ANY_TASK)}
 
 
@@ -239,7 +239,7 @@ def look_of(task: str, name: str) -> Look | None:
     """Returns what the page draws of a policy's looking ahead in a task."""
     if task in CROWDS and name in LOOKS_AMONG_BODIES:
         return LOOKS_AMONG_BODIES[name]
-    return (LOOKS_ALONG_PATHS if contest_of(task).spec.on_path else LOOKS_TO_POSES).get(name)
+    return (LOOKS_ALONG_PATHS if contest_of(task).spec.observes == "path" else LOOKS_TO_POSES).get(name)
 
 
 def agents(task: str) -> tuple[str, ...]:
@@ -359,7 +359,7 @@ def predictions(task: str) -> list[tuple[Any, Any]]:
     """Returns the calls that predict for the first decision of a base that answers late."""
     robot = dataclasses.replace(ROBOTS[BASE], name=LATE, delay=(0.12, 0.16), response="continuous")
     env = environment(task, robot, "lagged", f"{contest_of(task).timed_on}/test")
-    policy = make("pure_pursuit" if contest_of(task).spec.on_path else "polar")
+    policy = make("pure_pursuit" if contest_of(task).spec.observes == "path" else "polar")
     return first_decision(env, policy, [(forward_prediction, name) for name in _PREDICTS])
 
 
@@ -964,7 +964,7 @@ def exports(task: str, policy: str) -> dict[str, Export]:
             export_of(LATE, name_of(kernel)): (kernel, leaves(names_of(kernel), values), values)
             for kernel, values in predictions(task)
         }
-    env = environment(task, "p3dx" if contest.spec.on_path else "omni3", "lagged", timed_on)
+    env = environment(task, "p3dx" if contest.spec.observes == "path" else "omni3", "lagged", timed_on)
     if policy:
         module, function, *_ = decisions(task)[policy]
         kernel, values = first_of(task, policy, make(policy), env)

@@ -669,7 +669,7 @@ def _cards() -> list[list[str]]:
     for contest in CONTESTS.values():
         for robot in ROBOTS:
             cards = [read_card(folder / CARD) for folder in shipped(contest.spec.name, robot).values()]
-            factor = 1e3 if contest.spec.on_path else 1.0  # to mm; s
+            factor = 1e3 if contest.spec.cost.unit == "m" else 1.0  # to mm; s
             conditions: dict[str, list[Mapping[str, Any]]] = {}
             for card in cards:
                 own = {"env_kwargs": card["env_kwargs"], "asked_speed": card["speed"], **card["validation"]}

@@ -47,7 +47,6 @@ from wayfield.envs.robots.disturbances import LEVELS
 from wayfield.envs.robots.intervals import Interval, drawn
 from wayfield.envs.robots.robot_option import RobotChoice
 from wayfield.envs.scenarios import scenarios_of, splits
-from wayfield.envs.scenarios.goal_families import LARGEST_HULL
 from wayfield.envs.tasks.specs import CROWDS
 from wayfield.policies.parts.gain import Range, gains_of
 from wayfield.policies.parts.policy import check_robot
@@ -734,10 +733,10 @@ def _check_robot(policy: str, contest: Contest, robot: Robot) -> None:
         check_robot(wayfield.policies.make(policy), robot)
     except ValueError as error:
         raise click.UsageError(str(error)) from None
-    if not contest.spec.on_path and robot.hull_radius > LARGEST_HULL:
+    if robot.hull_radius > (most := contest.spec.repertoire.largest_hull):
         raise click.UsageError(
             f"--robot {robot.name!r} has a hull of {robot.hull_radius:.3g} m; the scenarios of {contest.name}, on "
-            f"which gains are searched, have ways for at most {LARGEST_HULL:g} m"
+            f"which gains are searched, have ways for at most {most:g} m"
         )
 
 

@@ -73,9 +73,9 @@ class Body:
             options |= {"parks": True, "sees": "bodies" if law.knows == "bodies" else "scan"}
         else:
             options["dynamics"] = dynamics
-        if dynamics == "pymunk" and not spec.on_path:
+        if dynamics == "pymunk" and spec.observes == "goal":
             options["end_on_contact"] = False
-        if beams is not None and not spec.on_path:
+        if beams is not None and spec.observes == "goal":
             options["num_beams"] = beams
         if world == "goal" and scenario.endswith(".yaml"):
             scenario = _on_map(scenario, start)

@@ -37,10 +37,10 @@ def beams_of(robot: Robot, beams: int | None = None) -> NDArray[np.float64]:
     return np.linspace(-math.pi, math.pi, beams or max(robot.sensors.beams, LEAST_BEAMS), endpoint=False)
 
 
-def check_drives(policy: Policy, name: str, robot: Robot, on_path: bool) -> None:
+def check_drives(policy: Policy, name: str, robot: Robot, along: bool) -> None:
     """Raises ValueError, with the policies that do, unless a policy drives by sensors, or along a path given."""
     check_robot(policy, robot)
-    if _drives(policy, on_path):
+    if _drives(policy, along):
         return
     able = []
     for each in ABOUT:
@@ -48,9 +48,9 @@ def check_drives(policy: Policy, name: str, robot: Robot, on_path: bool) -> None
             made = POLICIES[each]()
         except (ImportError, ValueError):
             continue
-        if _drives(made, on_path):
+        if _drives(made, along):
             able.append(each)
-    if on_path:
+    if along:
         wanted = "does not follow a path that it is given"
     elif path_following.Observation in policy.observes and policy.knows == "path":
         wanted = "follows paths: give one by --path"
@@ -59,8 +59,8 @@ def check_drives(policy: Policy, name: str, robot: Robot, on_path: bool) -> None
     raise ValueError(f"policy {name!r} {wanted}; these drive: {', '.join(able)}")
 
 
-def _drives(policy: Policy, on_path: bool) -> bool:
-    if on_path:
+def _drives(policy: Policy, along: bool) -> bool:
+    if along:
         return policy.knows in ("path", "sensors") and path_following.Observation in policy.observes
     return policy.knows == "sensors" and goal_reaching.Observation in policy.observes
 

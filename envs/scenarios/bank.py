@@ -7,7 +7,6 @@ from typing import Any
 
 from wayfield.envs.scenarios.barn import barn_scenarios
 from wayfield.envs.scenarios.files import field_scenario_from_file, of_no_scenario, path_scenario_from_file
-from wayfield.envs.scenarios.goal_families import LARGEST_HULL
 from wayfield.envs.scenarios.maps import MAP_SUFFIXES, scenarios_of_problems
 from wayfield.envs.scenarios.mrpb import CASES, CONFIG, MAP, is_mrpb, mrpb_scenarios
 from wayfield.envs.scenarios.scenario import GoalScenario, PathScenario, check_clear
@@ -25,18 +24,18 @@ _PATHS, _GOALS = TASKS["path_following"], TASKS["goal_reaching"]
 
 def scenarios_of(spec: TaskSpec, name: str, hull_radius: float, scale: float = 1.0) -> tuple[Any, ...]:
     """Returns the scenarios of a task by a name, for a robot: `path_scenarios` or `field_scenarios`."""
-    if spec.on_path:
-        return path_scenarios(name, scale)
+    if issubclass(spec.scenario, PathScenario):
+        return path_scenarios(name, scale, spec)
     return field_scenarios(spec, name, hull_radius)
 
 
-def path_scenarios(name: str, scale: float = 1.0) -> tuple[PathScenario, ...]:
-    """Returns the path-following scenarios of a name: one, or the many of a random family.
+def path_scenarios(name: str, scale: float = 1.0, spec: TaskSpec = _PATHS) -> tuple[Any, ...]:
+    """Returns the scenarios of a name, of a task on paths: one, or the many of a random family.
 
     A path of the user's that robots may not follow to its end is warned of.
 
     Args:
-        name: a name of PATH_SCENARIOS; a family of FAMILIES["path_following"] or "all", as it is for its training
+        name: a name of the task's presets, PATH_SCENARIOS; one of its families or "all", as it is for its training
             split or with "/train", "/validation" or "/test" behind it; or a table or .json file; see
             `path_scenario_from_file`. Or a `PathScenario`, or a list of some, or of names of families.
         scale: multiplies the positions of paths and starts, not the corridor or the start offsets.
@@ -46,15 +45,15 @@ def path_scenarios(name: str, scale: float = 1.0) -> tuple[PathScenario, ...]:
         OSError: if the file cannot be opened.
     """
     scale = number("scale", scale, above=0.0)
-    if (own := _own(_PATHS, name)) is not None:
+    if (own := _own(spec, name)) is not None:
         return _warned_of(_scaled(own, scale))
-    if isinstance(name, str) and name in _PATHS.presets:
-        return _named_path_scenarios(name, scale)
-    if (frozen := _frozen_split(_PATHS, name)) is not None:
+    if isinstance(name, str) and name in spec.presets:
+        return _named_path_scenarios(spec.name, name, scale)
+    if (frozen := _frozen_split(spec, name)) is not None:
         return _scaled(frozen, scale)
     if not _means_file(name):
-        raise _unknown(_PATHS, name)
-    return _warned_of((path_scenario_from_file(os.fspath(name), scale),))
+        raise _unknown(spec, name)
+    return _warned_of((path_scenario_from_file(os.fspath(name), scale, spec),))
 
 
 def _warned_of(scenarios: tuple[PathScenario, ...]) -> tuple[PathScenario, ...]:
@@ -91,12 +90,12 @@ def field_scenarios(spec: TaskSpec, name: str, hull_radius: float) -> tuple[Any,
     if isinstance(name, str) and name in spec.presets:
         return _named_field_scenarios(spec.name, name, hull_radius)
     if (frozen := _frozen_split(spec, name)) is not None:
-        if hull_radius > LARGEST_HULL:
+        most = spec.repertoire.largest_hull
+        if hull_radius > most:
             raise ValueError(
-                f"hull_radius is {hull_radius:.3g}; {name!r} was searched for ways of hulls of at most "
-                f"{LARGEST_HULL:g} m"
+                f"hull_radius is {hull_radius:.3g}; {name!r} was searched for ways of hulls of at most {most:g} m"
             )
-        return _fitted(frozen, LARGEST_HULL - hull_radius)
+        return _fitted(frozen, most - hull_radius)
     if not _means_file(name):
         raise _unknown(spec, name)
     found = _from_file(spec, os.fspath(name))
@@ -152,8 +151,8 @@ def _from_file(spec: TaskSpec, name: str) -> tuple[Any, ...]:
 # A vector of single environments asks for the same bank once per robot. Files are read anew: the user edits
 # them.
 @functools.lru_cache
-def _named_path_scenarios(name: str, scale: float) -> tuple[PathScenario, ...]:
-    bank = _PATHS.presets[name]()
+def _named_path_scenarios(task: str, name: str, scale: float) -> tuple[PathScenario, ...]:
+    bank = EVERY[task].presets[name]()
     return _scaled(bank, scale)
 
 

@@ -247,4 +247,4 @@ DOCKING_FAMILIES: Mapping[str, Family] = {
 }
 
 
-REPERTOIRE = Repertoire(DockingScenario, DOCKING_SCENARIOS, DOCKING_FAMILIES, manoeuvre, feasible)
+REPERTOIRE = Repertoire(DockingScenario, DOCKING_SCENARIOS, DOCKING_FAMILIES, manoeuvre, feasible, LARGEST_HULL)

@@ -21,9 +21,8 @@ from wayfield.system.checks import FARTHEST, MOST_OBSTACLES, MOST_POINTS, number
 from wayfield.system.objects import FileNote, check_keys, check_ordinary, fault, json_object, read_text
 from wayfield.system.readers import reader
 
-_PATH_FIELDS = ("path", "path_file", "closed", "laps", "start", "start_offset", "start_turn", "corridor")
-_GOAL = "goal"  # the field that a file of any pose may have
-_KINDS = {spec.kind: spec for spec in TASKS.values() if not spec.on_path}
+_WAY, _TABLE_FILE, _GOAL = "path", "path_file", "goal"  # the fields that a file of any path, and of any pose, may have
+_KINDS = {spec.kind: spec for spec in TASKS.values()}
 _OBSTACLE_KINDS: Mapping[str, Callable[..., np.void]] = {"circle": circle, "box": box, "wall": wall}
 
 
@@ -43,12 +42,13 @@ _ROOM = "type octile\nheight 4\nwidth 5\nmap\n.....\n.@T@.\n...@.\n.....\n"
 
 @reader("path scenario", "path.json", {"path.json": _PATH})
 @reader("path scenario of a table", "path.json", {"path.json": '{"path_file": "table.csv"}', "table.csv": _TABLE})
-def path_scenario_from_file(file: str, scale: float = 1.0) -> PathScenario:
-    """Returns the path-following scenario of a table or a .json file, its positions multiplied by `scale`.
+def path_scenario_from_file(file: str, scale: float = 1.0, spec: TaskSpec = TASKS["path_following"]) -> PathScenario:
+    """Returns the scenario of a table or a .json file, of a task on paths, its positions multiplied by `scale`.
 
-    For tables see `path_from_table`. A JSON file holds one object: "path" [[x, y], ...] or "path_file" (a
-    table, relative to the JSON file), and as wanted "closed", "laps", "start" [x, y, heading],
-    "start_offset", "start_turn" and "corridor", with the meaning and defaults of `PathScenario`.
+    For tables see `path_from_table`. A JSON file holds one object: "path" [[x, y], ...], also called as the task calls
+    it, or "path_file" (a table, relative to the JSON file), and as wanted "closed", "laps", "start" [x, y, heading],
+    "start_offset", "start_turn", "corridor" and what else its class has in `file_fields`, with the meaning and defaults
+    there.
 
     Raises:
         ValueError: if the file cannot be read as such; one line that starts with the file and names the field
@@ -58,34 +58,37 @@ def path_scenario_from_file(file: str, scale: float = 1.0) -> PathScenario:
     name, suffix = os.path.splitext(os.path.basename(file))
     if suffix.lower() in TABLE_SUFFIXES:
         try:
-            return PathScenario(name, path_from_table(file, scale))
+            scenario: PathScenario = spec.scenario(name, path_from_table(file, scale))
+            return scenario
         except ValueError as error:
             raise fault(file, error) from None
     if suffix.lower() != ".json":
         raise of_no_scenario(file, f"a path is read from {', '.join(TABLE_SUFFIXES)} or .json")
     fields = json_object(file)
-    check_keys(file, "", fields, _PATH_FIELDS)
-    if ("path" in fields) == ("path_file" in fields):
-        raise fault(file, "exactly one of the fields 'path' and 'path_file' must be given")
+    paths = tuple(dict.fromkeys((spec.kind, _WAY, _TABLE_FILE)))
+    check_keys(file, "", fields, (*paths, *spec.scenario.file_fields))
+    if len(given := [field for field in paths if field in fields]) != 1:
+        raise fault(file, f"exactly one of the fields {' and '.join(map(repr, paths))} must be given")
     closed = fields.pop("closed", None)
     if not (closed is None or isinstance(closed, bool)):
         raise fault(file, f"closed is {shown(closed)}; it must be true or false")
     try:
-        if "path" in fields:
-            fields["path"] = _listed_path(file, fields["path"], closed, scale)
-        else:
-            fields["path"] = _table_path(file, fields.pop("path_file"), closed, scale)
+        read = _table_path if given[0] == _TABLE_FILE else _listed_path
+        fields[_WAY] = read(file, fields.pop(given[0]), closed, scale)
         if fields.get("start") is not None:
             x, y, heading = pose("start", fields["start"])
             fields["start"] = (x * scale, y * scale, heading)
-        return PathScenario(name, **fields)
+        scenario = spec.scenario(name, **fields)
     except ValueError as error:
         raise fault(file, error) from None
+    return scenario
 
 
 def _readers(function: Callable[..., Any]) -> Callable[..., Any]:
     """Registers the reader of poses, once for each kind of them."""
     for kind, spec in _KINDS.items():
+        if not issubclass(spec.scenario, GoalScenario):
+            continue
         read = functools.partial(_read, spec)
         sample = {f"{kind}.json": _POSE.replace(_GOAL, kind)}
         function = reader(f"{kind} scenario", f"{kind}.json", sample, read)(function)
@@ -243,6 +246,6 @@ def is_scene(file: str) -> bool:
 def kind_of(file: str) -> str:
     """Returns the kind of the task that a file is a scenario of; what is wrong with one, its reader will say."""
     content = _content(file)
-    # a word of its own tells more than the one that any pose may have
-    kinds = (kind for kind in sorted(_KINDS, key=_GOAL.__eq__) if isinstance(content, dict) and kind in content)
-    return next(kinds, "path")
+    # a word of its own tells more than those that any path, or any pose, may have
+    kinds = sorted(_KINDS, key=(_GOAL, _WAY).__contains__)
+    return next((kind for kind in kinds if isinstance(content, dict) and kind in content), _WAY)

@@ -469,4 +469,4 @@ GOAL_FAMILIES: Mapping[str, Family] = {
 }
 
 
-REPERTOIRE = Repertoire(GoalScenario, GOAL_SCENARIOS, GOAL_FAMILIES, room_on_the_way, feasible)
+REPERTOIRE = Repertoire(GoalScenario, GOAL_SCENARIOS, GOAL_FAMILIES, room_on_the_way, feasible, LARGEST_HULL)

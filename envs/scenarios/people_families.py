@@ -457,4 +457,5 @@ REPERTOIRE = Repertoire(
     families=PEOPLE_FAMILIES,
     quantity=density,
     feasible=feasible,
+    largest_hull=LARGEST_HULL,
 )

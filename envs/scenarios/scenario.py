@@ -53,6 +53,9 @@ class PathScenario:
     tier: str = ""  # "easy", "medium" or "hard" within the task
     quantity: float = math.nan  # what the tier is read from: the sharpness of the path, 1/m
 
+    # what a file of one may say, besides the path
+    file_fields: ClassVar[tuple[str, ...]] = ("closed", "laps", "start", "start_offset", "start_turn", "corridor")
+
     def __post_init__(self) -> None:
         check_labels(self)
         if not isinstance(self.path, Path):
@@ -88,6 +91,11 @@ class PathScenario:
         path = Path(self.path.points * scale, self.path.closed)
         start = self.start and (self.start[0] * scale, self.start[1] * scale, self.start[2])
         return dataclasses.replace(self, path=path, start=start, tier="", quantity=math.nan)
+
+    @property
+    def length(self) -> float:
+        """Returns the length (m) of the way: of all laps, or of one where only the clock ends them."""
+        return max(self.laps, 1) * float(self.path.length)
 
     def decisive(self) -> list[Any]:
         """Returns all numbers that decide an episode, in an order of their own."""

@@ -362,4 +362,5 @@ REPERTOIRE = Repertoire(
     families=TEAM_FAMILIES,
     quantity=room,
     feasible=feasible,
+    largest_hull=LARGEST_HULL,
 )

@@ -48,11 +48,12 @@ class Family:
 class Repertoire:
     """The scenarios of a task: what one is, where they come from, and how hard each is."""
 
-    scenario: type[Any]  # PathScenario, or GoalScenario or one of its kind
+    scenario: type[Any]  # PathScenario, GoalScenario, or one of their kind
     presets: Mapping[str, Callable[..., Any]]  # scenarios by name, besides the families
     families: Mapping[str, Family]
     quantity: Callable[[Any], float]  # what a scenario's tier is read from
     feasible: Callable[[Any], bool]  # whether the largest robot can do a scenario
+    largest_hull: float = math.inf  # m, radius, that the families were searched for ways of
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,8 +64,8 @@ class TaskSpec:
     suite: str  # of contests and tuned gains
     title: str
     asks: str  # what a robot shall do
-    kind: str  # "path", "goal" or "dock": what messages call its scenarios, and the field that a file of one must have
-    on_path: bool  # whether a path is followed; else a pose is reached
+    kind: str  # "path", "goal" or "dock": what messages call its scenarios, and the field that tells a file of one
+    observes: str  # "path" or "goal": what its policies see of what is asked of them
     module: str  # of wayfield.envs, that has its environments
     # the registered id for robots that are holonomic, and that are not: its stem is the class in the module, and
     # "Vector" behind it makes that of many robots
@@ -134,7 +135,7 @@ TASKS: Mapping[str, TaskSpec] = {
             title="Path following",
             asks="follow a path",
             kind="path",
-            on_path=True,
+            observes="path",
             module="path_following",
             ids={False: "wayfield/DiffDrivePathFollowing-v0", True: "wayfield/OmniPathFollowing-v0"},
             scenarios="path_families",
@@ -152,7 +153,7 @@ TASKS: Mapping[str, TaskSpec] = {
             title="Goal reaching among obstacles",
             asks="reach a goal among obstacles",
             kind="goal",
-            on_path=False,
+            observes="goal",
             module="goal_reaching",
             ids={False: "wayfield/DiffDriveGoalObstacles-v0", True: "wayfield/OmniGoalObstacles-v0"},
             scenarios="goal_families",
@@ -168,7 +169,7 @@ TASKS: Mapping[str, TaskSpec] = {
             title="Docking",
             asks="come to rest at a pose",
             kind="dock",
-            on_path=False,
+            observes="goal",
             module="docking",
             ids={False: "wayfield/DiffDriveDocking-v0", True: "wayfield/OmniDocking-v0"},
             scenarios="docking_families",
@@ -192,7 +193,7 @@ CROWDS: Mapping[str, TaskSpec] = {
             title="Teams",
             asks="reach goals of their own among each other",
             kind="team",
-            on_path=False,
+            observes="goal",
             module="teams",
             ids={False: "wayfield/DiffDriveTeam-v0", True: "wayfield/OmniTeam-v0"},
             scenarios="team_families",
@@ -208,7 +209,7 @@ CROWDS: Mapping[str, TaskSpec] = {
             title="Goal reaching among people",
             asks="reach a goal among people",
             kind="people",
-            on_path=False,
+            observes="goal",
             module="among_people",
             ids={False: "wayfield/DiffDrivePeople-v0", True: "wayfield/OmniPeople-v0"},
             scenarios="people_families",

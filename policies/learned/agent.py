@@ -208,7 +208,7 @@ class Agent(Gains):
     @property
     def keeps_pace(self) -> bool:
         """Returns whether it makes up what it is late by: only where a path is followed there is a pace."""
-        return self.pace_time > 0.0 and EVERY[self.card["task"]].on_path
+        return self.pace_time > 0.0 and EVERY[self.card["task"]].observes == "path"
 
     def _of_body(self, briefing: Briefing) -> Briefing:
         """Returns the briefing with the robot that the agent knows, where the base has its body."""

@@ -1,5 +1,6 @@
 """The one door that every policy stands behind, and the checks of robots and scans that policies share."""
 
+from collections.abc import Mapping
 from typing import Any, Protocol
 
 import numpy as np
@@ -35,9 +36,12 @@ class Policy(Protocol):
         """Returns body twists (b, t) in m/s and rad/s, t the robot's twist axes, for observations of shape (b, ...)."""
 
 
+_OBSERVED: Mapping[str, type] = {"path": path_following.Observation, "goal": goal_reaching.Observation}
+
+
 def observation_of(task: TaskSpec) -> type:
     """Returns what a task gives its policies to observe."""
-    return path_following.Observation if task.on_path else goal_reaching.Observation
+    return _OBSERVED[task.observes]
 
 
 # What a policy may need of a robot, as a `Robot` says it, in words.

@@ -24,17 +24,17 @@ class Panel(NamedTuple):
 
 
 PANELS = {
-    True: (
+    "path": (
         Panel("success", "success", share=True),
         Panel("error", "cross-track RMS, IQM (m)", scale="log"),
         Panel("p95", "its 95th percentile (m)", scale="log"),
     ),
-    False: (
+    "goal": (
         Panel("success", "success", share=True),
         Panel("collision", "collisions", share=True),
         Panel("error", "time to the goal, IQM (s)"),
     ),
-}  # by whether a path is followed
+}  # by what is observed
 
 
 _SAMPLE = "frames,success,collision,error,p95\n1024,0.5,0,0.1,0.3\n2048,1.0,0,0.05,0.2\n"
@@ -72,7 +72,7 @@ def draw_curves(folders: Sequence[Path], task: str, file: Path, title: str) -> N
     """
     from matplotlib.figure import Figure
 
-    panels: tuple[Panel, ...] = PANELS[EVERY[task].on_path]
+    panels: tuple[Panel, ...] = PANELS[EVERY[task].observes]
     curves = [read_curve(folder) for folder in folders]
     fields = [name for name in curves[0] if name.startswith(IN_FIELD) and all(name in curve for curve in curves)]
     if fields:

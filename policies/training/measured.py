@@ -129,7 +129,7 @@ def main(folders: tuple[Path, ...]) -> None:
         except ValueError as error:
             raise click.UsageError(str(error)) from None
         card = dict(agent.card)
-        if task_spec(card["task"]).on_path and card.get("trained_on"):
+        if task_spec(card["task"]).observes == "path" and card.get("trained_on"):
             card["cruises"] = cruises(agent)
             paced = dataclasses.replace(agent, card=card)
             score = validate(paced, card["env_id"], card["env_kwargs"], task_spec(card["task"]).clock)

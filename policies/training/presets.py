@@ -9,7 +9,6 @@ from typing import Any, ClassVar, Literal
 
 from wayfield.envs import path_following
 from wayfield.envs.robots import FULL_TURN, ROBOTS, Robot, robot_of, shipped_name
-from wayfield.envs.scenarios.goal_families import LARGEST_HULL
 from wayfield.envs.tasks.specs import CROWDS, EVERY
 from wayfield.policies import POLICIES, make
 from wayfield.policies.learned.agent import CARD, check_hidden, read_card
@@ -160,9 +159,9 @@ class Preset(Gains):
             self._check_robot(robot_of(self.robot))
         if isinstance(self.learner, Sac):
             self._check_sac(self.learner)
-        if self.paced and not EVERY[self.task].on_path:
+        if self.paced and EVERY[self.task].observes != "path":
             raise ValueError(f"paced must be false where no path is followed, as in {self.task}")
-        if self.shortest_ways and EVERY[self.task].on_path:
+        if self.shortest_ways and EVERY[self.task].observes != "goal":
             raise ValueError(f"shortest_ways must be false where a path is followed, as in {self.task}")
         if self.guards and (not self.reach or self.actions.kind != "planar"):
             raise ValueError("guards=true needs reach > 0 and actions.kind=planar: the network wants a velocity")
@@ -178,15 +177,13 @@ class Preset(Gains):
 
     def _check_robot(self, robot: Robot) -> None:
         """Raises ValueError, naming the field of the data sheet, unless the scenarios and features fit a robot."""
-        if EVERY[self.task].on_path:
-            return
-        scan = robot.sensors
-        if robot.hull_radius > LARGEST_HULL:
+        scan, most = robot.sensors, EVERY[self.task].repertoire.largest_hull
+        if robot.hull_radius > most:
             raise ValueError(
                 f"robot {robot.name!r} has a hull of {robot.hull_radius:.3g} m; the training scenarios of {self.task} "
-                f"were searched for ways of at most {LARGEST_HULL:g} m"
+                f"were searched for ways of at most {most:g} m"
             )
-        if scan.angle < FULL_TURN:
+        if EVERY[self.task].observes == "goal" and scan.angle < FULL_TURN:
             raise ValueError(
                 f"robot {robot.name!r} has sensors.angle {scan.angle!r} rad; agents of {self.task} see a scan over the "
                 f"full circle, {FULL_TURN!r} rad"

@@ -82,9 +82,12 @@ class Reached:
         return -float(costs.mean()), error, np.where(success > 0.0, times, self.clock * self.dt)
 
 
+_MEASURES: Mapping[str, type[Followed | Reached]] = {"path": Followed, "goal": Reached}
+
+
 def measure_of(spec: TaskSpec) -> type[Followed | Reached]:
     """Returns what the runs of a task cost."""
-    return Followed if spec.on_path else Reached
+    return _MEASURES[spec.observes]
 
 
 def validate(

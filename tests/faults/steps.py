@@ -44,10 +44,10 @@ _PATH_ONLY, _GOAL_ONLY = ("preview_spacing", "num_preview", "scale"), ("num_beam
 def trials(rng: random.Random) -> Iterator[dict[str, Any]]:
     """Yields what once crashed, then random settings and changed arguments in turn, without end."""
     for env_id in IDS:
-        on_path = _SPECS[env_id].on_path
-        foreign = _GOAL_ONLY if on_path else _PATH_ONLY
+        along = _SPECS[env_id].observes == "path"
+        foreign = _GOAL_ONLY if along else _PATH_ONLY
         for kwargs in _LISTED:
-            if not any(name in foreign for name in kwargs) and (on_path or "scenario" not in kwargs):
+            if not any(name in foreign for name in kwargs) and (along or "scenario" not in kwargs):
                 yield {"env": env_id, "kwargs": kwargs, "num_envs": 0, "actions": "random", "steps": 60, "seed": 1}
         # driven straight back along the path: rounding must not take progress below its bound
         yield {"env": env_id, "kwargs": {}, "num_envs": 256, "actions": "corner", "steps": 300, "seed": 2}
@@ -65,7 +65,7 @@ def _setting(rng: random.Random) -> dict[str, Any]:
     """
     env_id = rng.choice(IDS)
     task = _SPECS[env_id]
-    path, crowd = task.on_path, task.name in CROWDS
+    path, crowd = task.observes == "path", task.name in CROWDS
     family = f"{rng.choice((*task.families, *(() if crowd else ('all',))))}/{rng.choice(tuple(SPLITS))}"
     named = tuple(task.presets) or (family,)
     names = robots_with(holonomic="DiffDrive" not in env_id)

@@ -276,8 +276,8 @@ def test_a_policy_is_told_what_it_declares_and_no_more(env_id: str, knows: str, 
     env = make(env_id).unwrapped
     env.reset(seed=0)
     told = env.briefing(knows)
-    on_path = env_id in IDS_OF[path_following.Observation]
-    own, other = (told.path, told.goal) if on_path else (told.goal, told.path)
+    along = env_id in IDS_OF[path_following.Observation]
+    own, other = (told.path, told.goal) if along else (told.goal, told.path)
     assert other is None
     assert (own is None) == (knows in ("sensors", "bodies"))
     assert (told.map is None) == (knows not in ("map", "team_map"))

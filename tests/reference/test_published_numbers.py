@@ -120,10 +120,10 @@ def test_levels_that_results_were_published_with_stay_what_they_were() -> None:
 
 
 def test_contests_last_a_minute_and_paths_two() -> None:
-    assert {spec.clock * 0.05 for spec in TASKS.values() if not spec.on_path} == {60.0}
-    assert {spec.clock * 0.05 for spec in TASKS.values() if spec.on_path} == {120.0}
+    assert {spec.clock * 0.05 for spec in TASKS.values() if spec.observes == "goal"} == {60.0}
+    assert {spec.clock * 0.05 for spec in TASKS.values() if spec.observes == "path"} == {120.0}
     # a run that fails counts as the whole clock, or as the corridor's metre
-    assert {spec.cost.failure for spec in TASKS.values() if not spec.on_path} == {60.0}
-    assert {spec.cost.failure for spec in TASKS.values() if spec.on_path} == {1.0}
+    assert {spec.cost.failure for spec in TASKS.values() if spec.observes == "goal"} == {60.0}
+    assert {spec.cost.failure for spec in TASKS.values() if spec.observes == "path"} == {1.0}
     assert TASKS["path_following"].tier_bounds == (1.0, 2.5)
     assert TASKS["goal_reaching"].tier_bounds == (0.6, 0.35)
