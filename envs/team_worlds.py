@@ -1,6 +1,7 @@
 """Teams: several robots in one world, each with a goal of its own, that see each other, among people."""
 
 import functools
+import itertools
 import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -682,8 +683,7 @@ class Teams(GoalReaching):
                 raise ValueError(f'ends="respawn" needs a scenario in which nothing patrols, got {shown(scenario)}')
         walks = np.zeros((len(self.scenarios), self.most_people), WALK)
         tracks = {id(each.tracks): each.tracks for each in self.scenarios}  # those of a recording share one array
-        ends = np.cumsum([len(each) for each in tracks.values()])
-        begins = dict(zip(tracks, [0, *ends.tolist()], strict=False))
+        begins = dict(zip(tracks, itertools.accumulate(map(len, tracks.values()), initial=0), strict=False))
         for row, each in zip(walks, self.scenarios, strict=True):
             row[: len(each.walks)] = each.walks
             row["first"] += begins[id(each.tracks)]
