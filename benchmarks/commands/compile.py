@@ -18,6 +18,7 @@ from wayfield.envs.tasks.specs import CROWDS, EVERY, TASKS
 from wayfield.policies import ABOUT, Pilot, make
 from wayfield.starting import started
 from wayfield.system.checks import choose, printable
+from wayfield.system.compile_notices import NO_CACHE
 from wayfield.system.executors import cores, say, workers
 from wayfield.system.processor_level import levels, settings_of
 
@@ -73,7 +74,7 @@ def compile(args: Sequence[str], prog_name: str) -> None:
                 print(f"kept in {os.environ.get('NUMBA_CACHE_DIR') or ', '.join(sorted(folders))}")
     except KeyboardInterrupt:
         parser.exit(_INTERRUPTED, f"{prog_name}: interrupted; what was compiled is kept\n")
-    except (OSError, RuntimeError) as error:
+    except (OSError, RuntimeError, RuntimeWarning) as error:
         parser.exit(1, f"{prog_name}: {printable(str(error))}\n")
 
 
@@ -81,6 +82,7 @@ def compile(args: Sequence[str], prog_name: str) -> None:
 def _settings(level: str | None, into: Path | None) -> Iterator[None]:
     """Makes processes that are started within compile for a level, and keep it in a folder."""
     before = dict(os.environ)
+    os.environ.pop(NO_CACHE, None)  # here it is an error, whoever has said it before
     os.environ.update({} if level is None else settings_of(level))
     os.environ.update({} if into is None else {"NUMBA_CACHE_DIR": str(into.absolute())})
     try:
@@ -94,7 +96,8 @@ def driven(name: str) -> str:
     """Returns the folder that holds the kernels of an environment's task or a policy, by its name, once it has driven.
 
     Raises:
-        RuntimeError: if they cannot be kept, or cannot run here.
+        RuntimeWarning: if they cannot be kept.
+        RuntimeError: if they cannot run here.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

@@ -1,16 +1,18 @@
 """What a process says of compiling on stderr, each once."""
 
 import multiprocessing
+import os
 import sys
 import warnings
 
 _told: set[str] = set()
+NO_CACHE = "WAYFIELD_TOLD_OF_NO_CACHE"  # in the environment, which the processes that one starts inherit
 
 
 def tell_of_no_cache(problem: str) -> None:
-    """Says that compiled code is not kept."""
-    if "no cache" not in _told:
-        _told.add("no cache")
+    """Says that compiled code is not kept; the processes that this one starts do not say it again."""
+    if NO_CACHE not in os.environ:
+        os.environ[NO_CACHE] = "1"
         warnings.warn(
             f"wayfield compiles anew in every process, up to a minute: compiled code is not kept: {problem}",
             RuntimeWarning,
@@ -32,7 +34,7 @@ def tell_of_compiling(takes: str) -> None:
     Args:
         takes: how long.
     """
-    if {"compiling", "no cache"} & _told or multiprocessing.parent_process() is not None:
+    if "compiling" in _told or NO_CACHE in os.environ or multiprocessing.parent_process() is not None:
         return
     _told.add("compiling")
     logger = sys.modules.get("gymnasium.logger")
