@@ -113,6 +113,8 @@ def made(run: Path, entry: str, entrant: Entrant | None) -> Submission:
         Refused: if the run has no such entry, or its scenarios are no frozen ones.
         OSError: if a file cannot be read.
     """
+    if not (run / EPISODES).is_file():
+        raise Refused(f"{run.absolute()} is no finished run: {EPISODES} is missing, which `wayfield evaluate` writes")
     every = read_table(run / EPISODES, lambda names, lines: [dict(zip(names, line, strict=True)) for line in lines])
     mine = [row for row in every if row.get("split") in COMPARED and entry in (row["policy"], _name(row))]
     mine = [row for row in mine if _name(row) == entry] or mine

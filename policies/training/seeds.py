@@ -44,9 +44,10 @@ def train_all(jobs: Sequence[Job], at_once: int, report: Callable[[Report], None
                 except queue.Empty:
                     for k, process in list(running.items()):
                         if not process.is_alive() and reports.empty():
-                            job = jobs[k]
-                            problem = f"its process ended with status {process.exitcode}; {GO_ON}"
-                            last[k] = Report(job.seed, 0, job.plan.frames, error=problem)
+                            # a signal to the whole group may meet it while it cannot heed one yet
+                            if not (interrupted.number and process.exitcode == -interrupted.number):
+                                problem = f"its process ended with status {process.exitcode}; {GO_ON}"
+                                last[k] = Report(jobs[k].seed, 0, jobs[k].plan.frames, error=problem)
                             del running[k]
                     continue
                 last[k] = each

@@ -827,16 +827,17 @@ def test_seeds_end_with_their_command(tmp_path: Path, number: signal.Signals) ->
 
 @pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="signals")
-def test_ctrl_c_while_starting_is_one_line(tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_to_all_while_they_start_is_one_line(tmp_path: Path, number: signal.Signals) -> None:
     for wait in (0.3, 1.0, 2.0, 4.0):
         words = [*TRAIN, "--seeds", "2", "--out", str(tmp_path / "out")]
         with subprocess.Popen(
             words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
         ) as run:
             time.sleep(wait)
-            os.killpg(run.pid, signal.SIGINT)  # as a terminal does: the children too
+            os.killpg(run.pid, number)  # as a terminal and a scheduler do: the children too
             _, said = run.communicate(timeout=120)
-        assert run.returncode == 130, said
+        assert run.returncode in (128 + number, -signal.SIGTERM), said
         assert "Traceback" not in said
         assert said.count("\n") <= 1
 
