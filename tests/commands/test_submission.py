@@ -65,10 +65,14 @@ def test_an_entry_is_driven_again_to_the_same_bits(submitted: Path) -> None:
     assert done.exit_code == 0, done.output
     assert "4 of 4 episodes were driven again, each the same to the last bit" in done.output
     assert sorted(file.name for file in submitted.iterdir()) == [CARD, ROWS]
-    refused = called(submit, submitted.parent / "run", "lqr", "--out", submitted.parent / "other")
-    assert (refused.exit_code, refused.stderr.count("\n")) == (1, 1)
-    assert "has no entry 'lqr'; it has polar" in refused.stderr
-    assert not (submitted.parent / "other").exists()
+    for run, told in (
+        ("run", "has no entry 'lqr'; it has polar"),
+        ("nowhere", "nowhere is no finished run: episodes."),
+    ):
+        refused = called(submit, submitted.parent / run, "lqr", "--out", submitted.parent / "other")
+        assert (refused.exit_code, refused.stderr.count("\n")) == (1, 1)
+        assert told in refused.stderr
+        assert not (submitted.parent / "other").exists()
 
 
 def changed(submission: Path, name: str, edit: Callable[[Any], Any]) -> None:
