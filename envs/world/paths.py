@@ -111,7 +111,7 @@ class Path:
 SPAN = 0.5  # m, before and behind a place, between which the path leads somewhere
 MOST_BACK = 0.02  # of a path's length, that leads the other way before it counts as a track with noise
 FORGIVEN = 0.05  # m, of a path's end, that need not be driven
-STRAIGHT_BACK = math.cos(3.0)  # of a corner, the cosine beyond which the way on is the way that led there
+STRAIGHT_BACK = math.cos(2.88)  # between the ways that lead to a place and on, beyond which it is the same way
 
 
 def doubt(path: Path) -> str:
@@ -144,13 +144,10 @@ def doubt(path: Path) -> str:
                 f"turns back {after:.2g} m before its end; robots that do not reverse may not get there: "
                 "leave the last points out"
             )
-    corner = 1 + np.flatnonzero(
-        ((steps[1:] * steps[:-1]).sum(axis=1) < STRAIGHT_BACK * lengths[1:] * lengths[:-1])
-        & (s[1:-1] < s[-1] - FORGIVEN)
-    )
-    # at a wiggle the path goes on as before
-    legs = (at(s[corner] - SPAN) - points[corner]) * (at(s[corner] + SPAN) - points[corner])
-    turns = s[corner[legs.sum(axis=1) > 0.0]]
+    # at a wiggle the path goes on as before, and the tip of a hairpin may have some width
+    came, goes = points - at(s - SPAN), at(s + SPAN) - points
+    facing = (came * goes).sum(axis=1) < STRAIGHT_BACK * lengths_of(came) * lengths_of(goes)
+    turns = s[facing & (lengths_of(goes) > FORGIVEN)]
     if len(turns):
         return (
             f"turns straight back {turns[0]:.2g} m from its start; robots that do not turn on the spot may leave it: "

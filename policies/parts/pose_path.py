@@ -14,13 +14,16 @@ from wayfield.system.elementary import wrap_angle
 
 BEHIND = 0.1  # m, of the path behind the robot's projection that its place on the path is looked for on
 BLEND = 0.02  # m, on either side of a vertex, over which the path's heading turns there; at most half a segment
+BACK = 2.7  # rad, of a corner where the path goes back: the robot cannot follow a turn over a length there
+ON_THE_SPOT = 0.002  # m, in place of BLEND there
 SPACING = 0.02  # m, between the control points of the path ahead
 
 
 @inlined
-def blend_length(vertices, run, i):
-    """Returns the length (m) at either end of segment i over which the path's heading turns."""
-    return min(BLEND, 0.5 * (vertex(vertices, run, i + 1).s - vertex(vertices, run, i).s))
+def blend_length(vertices, run, i, turn):
+    """Returns the length (m) at an end of segment i over which the path's heading turns, by `turn` with the next."""
+    most = BLEND if abs(turn) < BACK else ON_THE_SPOT
+    return min(most, 0.5 * (vertex(vertices, run, i + 1).s - vertex(vertices, run, i).s))
 
 
 @inlined
@@ -33,7 +36,7 @@ def turn_at(vertices, run, i):
         i = 0
         j = run.segments
     turn = wrap_angle(vertex(vertices, run, i).heading - vertex(vertices, run, j - 1).heading)
-    return turn, turn / (blend_length(vertices, run, i) + blend_length(vertices, run, j - 1))
+    return turn, turn / (blend_length(vertices, run, i, turn) + blend_length(vertices, run, j - 1, turn))
 
 
 @compiled
@@ -54,23 +57,24 @@ def poses_ahead(vertices, run, start, seen, turn_radius, path):
     while filled < path.shape[0]:
         a = vertex(vertices, run, i)
         length = vertex(vertices, run, i + 1).s - a.s
-        blend = blend_length(vertices, run, i)
-        rate_in = turn_at(vertices, run, i)[1]
+        turn_in, rate_in = turn_at(vertices, run, i)
         turn_out, rate_out = turn_at(vertices, run, i + 1)
+        blend_in = blend_length(vertices, run, i, turn_in)
+        blend_out = blend_length(vertices, run, i, turn_out)
         for part in range(3):
             # the turn at the segment's start, its straight middle, the turn at its end
             if part == 0:
                 low = 0.0
-                high = blend
+                high = blend_in
                 rate = rate_in
-                at_low = heading - rate_in * blend
+                at_low = heading - rate_in * blend_in
             elif part == 1:
-                low = blend
-                high = length - blend
+                low = blend_in
+                high = length - blend_out
                 rate = 0.0
                 at_low = heading
             else:
-                low = length - blend
+                low = length - blend_out
                 high = length
                 rate = rate_out
                 at_low = heading
