@@ -2,7 +2,8 @@
 
 A plan on a grid climbs in stairs, a recorded track trembles, two plans put together share a point but for a rounding:
 the path turns one way and, a step later, as much the other. Its tangent there is that of a step and not the way it
-leads. Here two such turns take each other off, and all else stays as it is, bit for bit: curves, corners, hairpins.
+leads. Here two such turns take each other off, corners that follow each other closely are rounded, and all else stays
+as it is, bit for bit: curves, corners between long legs, hairpins.
 """
 
 import math
@@ -29,6 +30,11 @@ BACK = 3.0  # rad, a turn by more than which is one to either side: the path goe
 EASE = 3.0  # of the distance of two such corners, on either side of them, over which the path is led to their middle
 ROUNDS = 30  # in which wiggles of wiggles go, at most
 
+CLOSE = 1.4  # m, between corners, or a corner and an end, from which on a corner is left as sharp as it is
+CUT = 0.02  # m, by which a corner is cut where the next one is nearer than half of that
+SHARP = 2.2  # rad, a turn by more than which is made on the spot
+PIECES = 8  # of a corner that is cut
+
 TAIL = 0.05  # m, of either end of a path, that is led straight on where it steps back or aside
 ASTRAY = 1.4  # rad, from the path's heading beside it, beyond which it does
 
@@ -51,6 +57,8 @@ def smoothed(course: Course | None, motion: Motion, ends_only: bool = False) -> 
     between them that they draw with the weights a and b, so that what the one turns less than the other stays where
     that is. The path is led there from EASE times their distance before, and back. A row of such corners does so
     together, and again until no two are left: stairs become the line through the middles of their steps.
+
+    What corners remain nearer than CLOSE to another or to an end are cut, by no more than CUT, as `rounded` says.
 
     At an open path's ends a step back, as planners make it that add the exact start and goal, would turn the robot
     around: the first and last TAIL go straight on instead.
@@ -78,7 +86,7 @@ def _smoothed(course: Course, ends_only: bool) -> Smoothed | None:
         points = np.column_stack([vertices["x"], vertices["y"], vertices["s"]])
         smooth = points if run["closed"] else straight_end(points)
         if not ends_only:
-            smooth = without_wiggles(smooth)
+            smooth = rounded(without_wiggles(smooth))
             smooth = smooth if run["closed"] else straight_start(smooth)
         if run["closed"] and len(smooth) < 4:
             smooth = points
@@ -222,16 +230,60 @@ def cancel(points, turns, nexts, out):
             i = j
             j = nexts[i]
         fixed = count
-        # the path is met again so far on, or at the next corner
-        end = points[i, 2] + ease
-        j = i + 1
-        while j < n - 1 and turns[j] == 0.0 and points[j, 2] <= end:
-            j += 1
-        if points[j, 2] > end:
-            share = (end - points[j - 1, 2]) / (points[j, 2] - points[j - 1, 2])
-            count = put_between(points[j - 1], points[j], share, out, count)
-        i = j
+        count, i = lead_out(points, turns, i, ease, out, count)
     return count if found else 0
+
+
+@allocating
+def rounded(points):
+    """Returns the points with parabolas in place of corners that follow each other closely.
+
+    Such corners are a planner's, and no truer than its cells or steps; driven to the millimetre, each takes a stop.
+    """
+    turns = corners(points)
+    out = np.empty((points.shape[0] + (PIECES + 1) * np.count_nonzero(turns), 3))
+    count = 0
+    fixed = 0
+    before = 0
+    i = 0
+    while i < points.shape[0]:
+        turn = abs(turns[i])
+        if turn == 0.0:
+            count = put(out, count, points[i, 0], points[i, 1], points[i, 2])
+            i += 1
+            continue
+        leg = min(points[i, 2] - points[before, 2], points[next_corner(turns, i), 2] - points[i, 2])
+        cut = CUT * min(2.0 - 2.0 * leg / CLOSE, 1.0)
+        before = i
+        if turn < LEAST or turn > SHARP or cut < 1e-3:
+            count = put(out, count, points[i, 0], points[i, 1], points[i, 2])
+            fixed = count
+            i += 1
+            continue
+        ease = min(2.0 * cut / sin_cos(0.5 * turn)[0], 0.45 * leg)
+        count = lead_in(points, i, ease, out, fixed, count)
+        last = count - 1
+        count, j = lead_out(points, turns, i, ease, out, count)
+        put_parabola(out, last, points[i])
+        count += PIECES - 1
+        fixed = count
+        i = j
+    return out[:count].copy()
+
+
+@inlined
+def put_parabola(out, i, corner):
+    """Puts PIECES - 1 points between point i and the next: the parabola whose tangents there meet at the corner."""
+    ax, ay, a_s = out[i]
+    bx, by, b_s = out[i + 1]
+    for k in range(1, PIECES + 1):
+        t = k / PIECES
+        a = (1.0 - t) * (1.0 - t)
+        b = t * t
+        c = 2.0 * t * (1.0 - t)
+        out[i + k, 0] = a * ax + c * corner[0] + b * bx
+        out[i + k, 1] = a * ay + c * corner[1] + b * by
+        out[i + k, 2] = a_s + t * (b_s - a_s)
 
 
 @allocating
@@ -293,6 +345,19 @@ def lead_in(points, i, ease, out, fixed, count):
         share = (start - last[2]) / (s - last[2])
         count = put(out, count, last[0] + share * (x - last[0]), last[1] + share * (y - last[1]), start)
     return count
+
+
+@inlined
+def lead_out(points, turns, i, ease, out, count):
+    """Puts the point `ease` (m) behind point i, if no corner lies before; returns how many there are, and the next."""
+    end = points[i, 2] + ease
+    j = i + 1
+    while j < points.shape[0] - 1 and turns[j] == 0.0 and points[j, 2] <= end:
+        j += 1
+    if points[j, 2] > end:
+        share = (end - points[j - 1, 2]) / (points[j, 2] - points[j - 1, 2])
+        count = put_between(points[j - 1], points[j], share, out, count)
+    return count, j
 
 
 @compiled

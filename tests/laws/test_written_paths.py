@@ -80,7 +80,7 @@ def of_planners(draw: Any) -> Path:
     way = np.vstack([first, first[-1] + turned(second, draw(st.sampled_from([0.0, 0.5, -0.5])) * math.pi)[1:]])
     if draw(st.booleans()):
         offset = 0.5 * cell * np.array([draw(st.floats(-1.0, 1.0)), draw(st.floats(-1.0, 1.0))])
-        way = np.vstack([way, way[-1] + offset]) if np.abs(offset).max() > 0.0 else way
+        way = np.vstack([way, way[-1] + offset]) if np.abs(offset).max() > 1e-9 else way
     return Path(turned(way, draw(st.floats(-3.0, 3.0))))
 
 
@@ -154,6 +154,29 @@ def test_stairs_take_a_law_that_plans_no_longer_than_lqr_nor_farther_off(law: st
     assert errors.mean() <= off.mean()
 
 
+@pytest.mark.parametrize("robot", ["p3dx", "omni3"])
+def test_corners_that_follow_each_other_closely_take_ilqr_no_longer_than_lqr_nor_farther_off(robot: str) -> None:
+    paths = []
+    for leg, angle, turns in itertools.product((0.6, 1.0), (0.5, 0.8, 1.2, 1.57, 2.0), ("+-", "++--", "+")):
+        headings = np.cumsum([0.3, *(angle if sign == "+" else -angle for sign in (turns * 6)[:6])])
+        legs = leg * np.column_stack([np.cos(headings), np.sin(headings)])
+        paths.append(Path(np.cumsum(legs, axis=0)))
+    paths = [path for path in paths if not doubt(path)]
+    (times, errors), (of_lqr, off) = driven("ilqr", paths, robot), driven("lqr", paths, robot)
+    assert (times <= 1.2 * of_lqr).all(), times / of_lqr
+    assert errors.mean() <= off.mean()
+
+
+@pytest.mark.parametrize("law", ["ilqr", "mpc"])
+def test_a_hairpin_is_driven_round_by_a_law_that_plans(law: str) -> None:
+    ways = [
+        (1.0 + leg * math.cos(a), leg * math.sin(a)) for leg in (0.4, 2.0) for a in np.radians((155, 167, 175, 178))
+    ]
+    times, errors = driven(law, [Path([(-1.0, 0.0), (1.0, 0.0), way]) for way in ways])
+    assert (times > 0.0).all(), times
+    assert (errors < 0.01).all()
+
+
 @pytest.mark.parametrize("law", ["ilqr", "mpc", "stanley"])
 def test_a_point_that_nearly_coincides_with_another_changes_nothing(law: str) -> None:
     for bend in (0.0, 0.35, 1.57):
@@ -210,6 +233,11 @@ def test_a_track_that_trembles_is_warned_of(tmp_path: Any) -> None:
 
 
 def test_a_path_that_leads_straight_back_is_warned_of_and_a_wiggle_is_not() -> None:
-    for way in ([(0.0, 0.0), (3.0, 0.0), (0.0, 0.0)], [(0.0, 0.0), (-0.02, 0.0), (3.0, 0.0)]):
+    for way in (
+        [(0.0, 0.0), (3.0, 0.0), (0.0, 0.0)],
+        [(0.0, 0.0), (3.0, 0.0), (0.0, 0.3)],
+        [(0.0, 0.0), (3.0, 0.0), (3.0, 0.05), (0.0, 0.05)],
+        [(0.0, 0.0), (-0.02, 0.0), (3.0, 0.0)],
+    ):
         assert "turns straight back" in doubt(Path(way))
     assert not doubt(Path([(0.0, 0.0), (2.0, 0.0), (1.98, 0.0), (5.0, 0.0)]))
