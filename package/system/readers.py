@@ -1,4 +1,4 @@
-"""The functions that read files from disk, each with a good file: what the fault campaign damages.
+"""The functions that read files from disk, each with a good file: what `tests/faults` damages.
 
 A function that opens a file to read it carries `@reader`; a test holds that none is forgotten.
 """
