@@ -229,8 +229,7 @@ def _index(kept: Kept) -> str:
     blocks = [
         "# Results",
         "Made by `python benchmarks/studies/publish.py` from the episodes in [results/](results/), which come from "
-        "the folders of finished runs; edited by hand, it fails a test. `python benchmarks/studies/audit.py` makes "
-        "the tables a second time with other formulas, and asks what a sceptic would.",
+        "the folders of finished runs; edited by hand, it fails a test.",
         "\n".join(_front(kept, "results/")),
         "## Every page",
         "Each has its leaderboard, the verdicts on trained agents, and its full tables as files. "

@@ -8,7 +8,7 @@ import pathlib
 import platform
 
 ROOMS = ("envs", "policies", "benchmarks")
-_SHOW_ONLY = ("publish.py", "page.py", "sections.py", "audit.py", "audit_formulas.py", "pictures.py", "reproduction.py")
+_SHOW_ONLY = ("publish.py", "page.py", "sections.py", "pictures.py", "reproduction.py")
 _PACKAGES = ("numpy", "numba", "llvmlite", "scipy")  # what computes
 
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 import scipy.stats
-from audit_formulas import binomial_ends, counted_ends
 from hypothesis import given
 from hypothesis import strategies as st
 from interval_coverage import HOLDS, covered, designs
+from oracles.table_formulas import binomial_ends, counted_ends
 from scipy.stats.mstats import trimmed_mean_ci
 
 from wayfield.benchmarks.statistics.aggregates import counted_interval, iqm
@@ -96,7 +96,7 @@ def test_the_interval_of_such_a_mean_has_no_unit_and_holds_the_mean(failed: int,
 
 
 @pytest.mark.parametrize("failed", [0, 1, 6, 30])
-def test_the_audit_finds_the_ends_of_such_a_mean_by_itself(failed: int) -> None:
+def test_other_formulas_find_the_ends_of_such_a_mean(failed: int) -> None:
     values, won = timed(failed)
     runs = [(float(value), bool(each)) for value, each in zip(values.ravel(), won.ravel(), strict=True)]
     families = [runs[first : first + 10] for first in range(0, 60, 10)]
@@ -134,6 +134,6 @@ def test_all_intervals_hold() -> None:
 
 
 @pytest.mark.parametrize(("successes", "trials"), [(0, 10), (3, 10), (10, 10), (195, 200), (9_700, 10_000)])
-def test_the_audit_finds_the_ends_of_a_share_by_itself_of_ten_thousand_trials_too(successes: int, trials: int) -> None:
+def test_other_formulas_find_the_ends_of_a_share_of_ten_thousand_trials_too(successes: int, trials: int) -> None:
     exact = scipy.stats.binomtest(successes, trials).proportion_ci(method="exact")
     assert binomial_ends(successes, trials) == pytest.approx((exact.low, exact.high), abs=2e-6)

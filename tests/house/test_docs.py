@@ -5,7 +5,6 @@ import math
 import re
 from pathlib import Path
 
-import audit
 import everywhere
 import flocks
 import interval_coverage
@@ -14,6 +13,8 @@ import pytest
 import results_page
 import sections
 from kept_rows import SUFFIX, read_packed
+from oracles import published_tables
+from oracles.published_tables import Cells
 
 from wayfield.benchmarks.contests import CONTESTS
 from wayfield.benchmarks.entrants.documents import documents
@@ -159,11 +160,11 @@ def test_the_advice_sends_to_nobody_who_is_behind() -> None:
 
 
 def test_every_page_says_the_verdicts_of_its_rows(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As the audit judges them, by formulas of its own."""
+    """As formulas of their own judge them."""
     monkeypatch.chdir(ROOT)
-    found = audit.Audit()
-    audit.audit_verdicts(found, audit.KEPT)
-    assert found.cells > 1000
+    found = Cells()
+    published_tables.check_verdicts(found, published_tables.KEPT)
+    assert found.count > 1000
     assert found.wrong == []
 
 
@@ -175,13 +176,20 @@ def test_kept_tables_are_what_formulas_of_their_own_make_of_the_rows(section: st
     rows = [{"speed": "", **row} for row in read_packed(ROOT / sections.ROWS / f"{section}{SUFFIX}")]
     contest, robot = rows[0]["contest"], rows[0]["robot"]
     mine = [row for row in rows if (row["contest"], row["robot"]) == (contest, robot)]
-    found = audit.Audit()
+    found, tables = Cells(), published_tables
     for end in ends:
         stem = f"{contest.replace('-', '_')}_{robot}{end}"
-        check = {"": audit.audit_standings, "_better": audit.audit_shares}.get(end, audit.audit_pairs)
-        check(found, mine, read_table(ROOT / sections.KEPT / f"{stem}.csv", audit.texts), stem)
-    assert found.cells > 200
-    assert found.wrong == []
+        check = {"": tables.check_standings, "_better": tables.check_shares}.get(end, tables.check_pairs)
+        lines = read_table(ROOT / sections.KEPT / f"{stem}.csv", tables.texts)
+        check(found, mine, lines, stem)
+        assert found.wrong == []
+        # and a changed cell is seen
+        name = "success (%)" if end == "" else "cost where both succeed" if "pairs" in end else str(lines[0]["policy"])
+        line = next(each for each in lines if each.get(name))
+        name = name if end != "_better" else next(each for each in line if each != "policy" and line[each])
+        check(other := Cells(), mine, [{**line, name: "123456.7"}], stem)
+        assert any("shows 123456.7" in each for each in other.wrong)
+    assert found.count > 200
 
 
 def test_the_page_of_the_documents_says_what_their_rows_say() -> None:

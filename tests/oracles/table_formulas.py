@@ -1,4 +1,4 @@
-"""The formulas of the tables, written a second time from their definitions, for the audit.
+"""The formulas of the tables, written a second time from their definitions.
 
 Nothing here is shared with the modules that make the tables: plain sums and sorting, tails of the binomial distribution
 instead of quantiles of the beta distribution, another bootstrap in place of both the first and the t-test.
