@@ -25,6 +25,7 @@ from wayfield.policies.pilot import Pilot
 from wayfield.policies.poses import astar_tracker
 from wayfield.policies.poses.astar_tracker import AstarTracker
 from wayfield.policies.scans.scan_planner import ScanPlanner
+from wayfield.policies.training.ways import sweep
 from wayfield.system.compiled import compiled
 
 MOVINGAI = Path(__file__).parents[3] / "shared" / "data" / "movingai"
@@ -420,3 +421,30 @@ def test_a_goal_that_is_passed_on_the_way_to_a_waypoint_is_not_reached(name: str
     while not (terminated or truncated):
         observation, _, terminated, truncated, info = env.step(pilot.command(observation))
     assert info["success"], info
+
+
+def test_a_way_solves_the_eikonal_equation_to_the_end_of_a_spiral() -> None:
+    side, cell = 33, 0.1
+    costs = np.full((side, side), cell)
+    row, column, length = side - 2, 1, side - 2
+    walls = np.zeros((side, side), bool)
+    for k in range(14):  # arms of a spiral, two cells from each other
+        for _ in range(max(length, 0)):
+            walls[row, column] = True
+            row += (0, -1, 0, 1)[k % 4]
+            column += (1, 0, -1, 0)[k % 4]
+        length -= 2 if k else 1
+    costs[walls] = 10.0 * cell
+    ways = np.full((side, side), np.inf)
+    ways[side // 2, side // 2] = 0.0
+    sweep(costs, ways)
+    assert np.isfinite(ways).all()
+    beyond = np.pad(ways, 1, constant_values=np.inf)
+    low = np.minimum(beyond[:-2, 1:-1], beyond[2:, 1:-1]), np.minimum(beyond[1:-1, :-2], beyond[1:-1, 2:])
+    a, b = np.minimum(*low), np.maximum(*low)
+    with np.errstate(invalid="ignore"):
+        both = 0.5 * (a + b + np.sqrt(2.0 * costs**2 - (b - a) ** 2))
+    wanted = np.where(b - a >= costs, a + costs, both)
+    wanted[side // 2, side // 2] = 0.0
+    np.testing.assert_allclose(ways, wanted, atol=2e-6)
+    assert ways.max() > 2.0 * math.hypot(side, side) * 0.5 * cell  # round the arms, not straight

@@ -1,16 +1,12 @@
 """Numbers that papers, documents, data sheets and task sheets print stand in the code as they were printed."""
 
-import dataclasses
 import math
 from typing import Any
 
 import pytest
 
 from wayfield import policies
-from wayfield.envs import docking, goal_reaching, path_following
-from wayfield.envs.robots import ACTUATORS, ROBOTS, records
-from wayfield.envs.robots.disturbances import DISTURBANCES, LEVELS
-from wayfield.envs.tasks.specs import TASKS
+from wayfield.envs.robots import ROBOTS
 
 # The gains that the documents and the papers print, and those that Nav2 ships with (nav2_bringup, Humble for DWB and
 # Jazzy for MPPI; costmaps of its local one).
@@ -58,16 +54,6 @@ def test_gains_that_a_source_prints_are_the_defaults(name: str) -> None:
     assert {gain: getattr(policy, gain) for gain in PRINTED[name]} == PRINTED[name]
 
 
-def test_rewards_weigh_what_their_sheets_say() -> None:
-    path, goal, dock = path_following.Params(), goal_reaching.Params(), docking.Params()
-    assert (path.error_scale, path.corridor_penalty, path.window, path.end_tolerance) == (0.1, 10.0, 1.0, 0.05)
-    for params, weight in ((goal, 0.1), (dock, 0.3)):
-        assert (params.heading_weight, params.time_cost) == (weight, 0.01)
-        assert (params.success_reward, params.collision_penalty) == (5.0, 5.0)
-    assert (goal.rest_speed, goal.rest_yaw_rate) == (math.inf, math.inf)
-    assert (dock.rest_speed, dock.rest_yaw_rate) == (0.02, 0.05)
-
-
 def test_robots_of_the_documents_have_the_documents_numbers() -> None:
     p3dx, omni3, omni4 = (ROBOTS[name] for name in ("p3dx", "omni3", "omni4"))
     assert {wheel.radius for wheel in p3dx.wheels} == {0.0975}
@@ -80,50 +66,3 @@ def test_robots_of_the_documents_have_the_documents_numbers() -> None:
         turns = [math.degrees(angle) for angle in robot.wheel_directions]
         assert turns == pytest.approx(angles)
         assert [math.hypot(x, y) for x, y in robot.wheel_positions] == pytest.approx([reach] * len(angles))
-
-
-def test_tiers_of_actuators_and_noise_are_those_of_the_sheets() -> None:
-    told = {name: (each.acceleration, each.yaw_acceleration, each.lag) for name, each in ACTUATORS.items()}
-    assert told == {"ideal": (math.inf, math.inf, 0.0), "lagged": (1.0, 3.0, 0.1), "slow": (0.5, 1.5, 0.25)}
-    noise = records.POSITION_NOISE, records.HEADING_NOISE, records.ENCODER_NOISE, records.RANGE_NOISE
-    assert noise == (0.01, 0.01, 0.02, 0.01)
-
-
-# Of each level: radius, track, slip, side slip, noise of pose, encoders and ranges, dropout, delay, shove.
-WRONG = {
-    "none": (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0, 0.0),
-    "light": (0.005, 0.01, 0.02, 0.01, 0.5, 0.5, 0.5, 0.01, 0, 0.05),
-    "moderate": (0.01, 0.02, 0.05, 0.02, 1.0, 1.0, 1.0, 0.02, 1, 0.1),
-    "strong": (0.02, 0.03, 0.10, 0.04, 2.0, 2.0, 2.0, 0.05, 2, 0.2),
-    "severe": (0.03, 0.05, 0.15, 0.06, 3.0, 3.0, 3.0, 0.10, 3, 0.3),
-}
-ALONE = {
-    "wheel_error": ("wheel_radius_error", "track_error"),
-    "slip": ("slip", "side_slip"),
-    "noise": ("pose_noise", "encoder_noise", "range_noise"),
-    "dropout": ("range_dropout",),
-    "shove": ("shove",),
-}
-
-
-def test_levels_that_results_were_published_with_stay_what_they_were() -> None:
-    assert tuple(WRONG) == LEVELS
-    for name, numbers in WRONG.items():
-        assert dataclasses.astuple(DISTURBANCES[name]) == numbers
-    strong = dataclasses.asdict(DISTURBANCES["strong"])
-    for name, fields in ALONE.items():
-        kept = {field: value if field in fields else 0.0 for field, value in strong.items()}
-        assert dataclasses.asdict(DISTURBANCES[name]) == kept
-    for steps in (1, 2, 3):
-        delay = dataclasses.asdict(DISTURBANCES[f"delay_{steps}"])
-        assert delay == dict.fromkeys(delay, 0.0) | {"action_delay": steps}
-
-
-def test_contests_last_a_minute_and_paths_two() -> None:
-    assert {spec.clock * 0.05 for spec in TASKS.values() if spec.observes == "goal"} == {60.0}
-    assert {spec.clock * 0.05 for spec in TASKS.values() if spec.observes == "path"} == {120.0}
-    # a run that fails counts as the whole clock, or as the corridor's metre
-    assert {spec.cost.failure for spec in TASKS.values() if spec.observes == "goal"} == {60.0}
-    assert {spec.cost.failure for spec in TASKS.values() if spec.observes == "path"} == {1.0}
-    assert TASKS["path_following"].tier_bounds == (1.0, 2.5)
-    assert TASKS["goal_reaching"].tier_bounds == (0.6, 0.35)
