@@ -29,36 +29,30 @@ from wayfield.policies.registry import entering
 _SPEC = TASKS["path_following"]
 
 TRACKING = Cost("tracking_rms", "tracking error", "m", 5, _SPEC.cost.failure)  # after the path is held
-LEAST_TRACKING, LEAST_AREA = 1e-4, 1e-2  # m and m s, below which sets of gains are alike
 BAR = 0.0148  # m, of the presets: tuned pure pursuit's when they were made
 
 
 def score(rows: Episodes, scenarios: Sequence[Any], speed: float, least: float) -> Score:
-    """Returns the failures, whether the requested speed (m/s) is held, and the quality of the successes.
+    """Returns the failures, whether the requested speed (m/s) is held, and the quality.
 
-    That is the mean of the logarithms of the area of acquisition and of the tracking error, each over the least that
-    matters, where the speed is held. Where it is not, ln(time / time at the asked speed) is added: a policy that halves
-    its error by taking twice the time gains nothing; and one that is slower than `least` (m/s) comes after all that are
-    not. A run that fails counts with the task's cost of a failure.
+    That is the mean over the families of the mean tracking error (mm) of their runs, as the tables have it, where the
+    speed is held. Where it is not, it is multiplied by the mean ratio of the time to that at the requested speed: a
+    policy that halves its error by taking twice the time gains nothing; and one that is slower than `least` (m/s) comes
+    after all that are not. A run that fails counts with the task's cost of a failure.
     """
-    speeds, terms = [], []
-    for row, scenario in zip(rows, scenarios, strict=True):
-        if row["success"] != 1.0:
-            terms.append((0.5 * math.log(TRACKING.failure**2 / (LEAST_AREA * LEAST_TRACKING)), 0.0))
-            continue
-        length = max(scenario.laps, 1) * scenario.path.length
-        late = math.log(max(row["time"] * speed / length, 1e-3))
-        area, tracking = (row[name] for name in ("acquisition_area", TRACKING.metric))
-        measured = max(area, LEAST_AREA) * max(tracking, LEAST_TRACKING)
-        terms.append((0.5 * math.log(measured / (LEAST_AREA * LEAST_TRACKING)), late))
-        speeds.append(row["mean_speed"])
-    mean_speed = statistics.fmean(speeds) if speeds else math.nan
+    won = rows["success"] == 1.0
+    errors = 1e3 * np.where(won, rows[TRACKING.metric], TRACKING.failure)
+    lengths = np.array([max(each.laps, 1) * each.path.length for each in scenarios])
+    late = np.where(won, np.maximum(rows["time"] * speed / lengths, 1e-3), 1.0)
+    speeds = rows["mean_speed"][won]
+    mean_speed = float(speeds.mean()) if won.any() else math.nan
     held = abs(mean_speed - speed) <= PACE_TOLERANCE * speed
     off_pace = 0 if held else 2 if mean_speed < least - 1e-9 else 1
-    error, late = (statistics.fmean(each) for each in zip(*terms, strict=True))
-    return Score(
-        len(rows) - len(speeds), off_pace, max(error + (late if off_pace else 0.0), 0.0), mean_speed, *driven(rows)
-    )
+    families = rows["family"]
+    quality = statistics.fmean(float(errors[families == family].mean()) for family in rows.unique("family"))
+    if off_pace:
+        quality *= math.exp(float(np.log(late).mean()))
+    return Score(int((~won).sum()), off_pace, quality, mean_speed, *driven(rows))
 
 
 def reached(rows: Episodes) -> bool:

@@ -14,11 +14,11 @@ the robot of the sheet and by robots drawn from the intervals (`intervals.drawn`
 the chosen gains gain is then said of both, paired by scenario.
 
 Best is what the contest says (`Score` of `contests`): the fewest failures; of those, for a path follower, a mean speed
-within 3 % of the asked one, or where none has that no lower one than with the default gains; of those the least error
-of acquisition and tracking (times the time, where the speed is not held), or the highest SCT. The cruising speed is
-searched along with the other gains, since a law that slows down in bends holds the asked mean only by driving faster
-elsewhere. The budget is counted in frames, the control periods of robots, as that of training is; of teams, which
-have at most 16 robots here, those of worlds.
+within 3 % of the asked one, or where none has that no lower one than with the default gains; of those the least
+tracking error, in the mean over families (times the time, where the speed is not held), or the highest SCT. The
+cruising speed is searched along with the other gains, since a law that slows down in bends holds the asked mean only by
+driving faster elsewhere. The budget is counted in frames, the control periods of robots, as that of training is; of
+teams, which have at most 16 robots here, those of worlds.
 """
 
 import dataclasses

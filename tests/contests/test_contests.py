@@ -227,8 +227,7 @@ def test_a_score_puts_success_first_then_the_speed() -> None:
     time = path.path.length / 0.6
 
     def paths(rms: float, pace: float, *, success: int = 1) -> Score:
-        errors = {"acquisition_area": 10.0 * rms, "tracking_rms": rms}
-        each = row(success=success, time=time / pace, mean_speed=0.6 * pace, **errors)
+        each = row(success=success, time=time / pace, mean_speed=0.6 * pace, tracking_rms=rms) | {"family": "straight"}
         return path_following.score(Episodes([each]), [path], 0.6, 0.3)
 
     exact, rough, slow = paths(0.01, 0.98), paths(0.02, 1.0), paths(0.001, 0.9)
