@@ -243,8 +243,8 @@ def run_quick(options: Options) -> None:
     with _ended_by_signals(), shared_out(options.processes) as executor:
         findings = quick_report(few, folder, executor)
     print_short(findings, _QUICK_WIDTH)
-    say("Four scenarios a task, so no claim about who is better. More: wayfield evaluate")
-    say(f"Files and a picture: {folder}")
+    say("Four scenarios a task are a first look, not a verdict. Next: wayfield evaluate")
+    say(f"Tables and a figure: {folder}")
 
 
 def run_overview(options: Options) -> None:

@@ -103,8 +103,8 @@ def found(contest: Contest, robot: str, rows: Episodes, named: tuple[str, ...] =
     families = _count(len(rows.unique("family")), "family", "families")
     sentence = f"{contest.title} with {robot}: {of}{shown} on the same {on} of {families}. {' '.join(sentences)}"
     if all(each.endswith(f"{TOO_FEW}.") for each in sentences):  # the table says the rest
-        few = f"{len(small.rows)} of {of}" if shown else of
-        sentence = f"{contest.title}, {robot}: {few}, {on}, too few to tell them apart."
+        suite = f"`wayfield evaluate --suite {contest.name}` settles it"
+        sentence = f"{contest.title}, {robot}: {_lead(rivals, contest)} ({on}; {suite})."
     elif len(rivals) < len(ranked):
         above = next(each for each in ranked if MAP in each.access)
         sentence += f" {label(above.entry)} has access to the map, an upper reference: {_achieved(above, contest)}."
@@ -165,6 +165,19 @@ def _achieved(each: _Standing, contest: Contest) -> str:
     return f"{success}, {contest.cost.name} {each.cost} {unit}{pace}"
 
 
+def _lead(rivals: Sequence[_Standing], contest: Contest) -> str:
+    """Returns the first entry and the next by what sets them apart: success, else the cost."""
+    first, *others = rivals
+    if not others:
+        return f"{label(first.entry)} has no rival, {_achieved(first, contest)}"
+    unit = "mm" if contest.cost.unit == "m" else contest.cost.unit
+    numbers = [each.cost.partition(" [")[0] for each in (first, others[0])]
+    if first.success[0] != others[0].success[0] or not all(numbers):
+        unit, numbers = "%", [f"{100.0 * each.success[0]:.0f}" for each in (first, others[0])]
+    names = [label(each.entry) for each in (first, others[0])]
+    return f"{names[0]} leads with {numbers[0]} {unit}, next {names[1]} with {numbers[1]} {unit}"
+
+
 def _who(ranked: Sequence[_Standing], verdicts: Mapping[tuple[str, str], Verdict], contest: Contest) -> str:
     """Returns the first entry without access to the map, and the entries that are not significantly worse."""
     rivals = _rivals(ranked)
@@ -177,17 +190,17 @@ def _who(ranked: Sequence[_Standing], verdicts: Mapping[tuple[str, str], Verdict
         pair = name, label(each.entry)
         found[pair[1]] = verdicts[pair].outcome if pair in verdicts else _FLIPPED[verdicts[pair[::-1]].outcome]
     if FEW in found.values():
-        return f"{name} comes first ({won}); {TOO_FEW}."
+        return f"{name} leads ({won}); {TOO_FEW}."
     open_with = [other for other, outcome in found.items() if outcome == ALIKE]
     at_cost = [other for other, outcome in found.items() if outcome == SLOWER]
     # success is ranked by its mean: of those that it does not tell apart one may be quicker, or err less
     behind = [other for other, outcome in found.items() if outcome == LOSES]
-    sentence = f"{name} comes first: {won}."
+    sentence = f"{name} leads: {won}; next {label(rivals[1].entry)}: {_achieved(rivals[1], contest)}."
     if behind:
         better = "quicker" if contest.cost.unit == "s" else "closer"
-        sentence += f" Without a significant difference in success {_named(behind)} {_is(behind)} {better}."
+        sentence += f" With no significant difference in success, {_named(behind)} {_is(behind)} {better}."
     if open_with:
-        sentence += f" Not significantly different: {_named(open_with)}."
+        sentence += f" No significant difference: {_named(open_with)}."
     if at_cost:
         sentence += f" At another speed: {_named(at_cost)}."
     return sentence

@@ -94,7 +94,7 @@ def measured(cases: Sequence[Case], batches: Iterable[int] = BATCHES, rounds: in
     """Returns the decision times of each case at each batch size."""
     drivers = [_Driver(case, batch) for case in cases for batch in batches]
     turns = [driver for _ in range(rounds) for driver in drivers]
-    for driver in tracked(turns, len(turns), "turns"):
+    for driver in tracked(turns, len(turns), "timings"):
         driver.drive(STEPS.get(driver.batch, 50))
     return [
         Timing(
