@@ -592,8 +592,23 @@ def rival(rows: Sequence[Row], agent: str, laws: Sequence[str], metric: str) -> 
     return best, complete(rows, (agent, best))
 
 
+Part = tuple[str, str, Sequence[str], str, Sequence[Row]]  # where, agent, laws of equal access, metric, rows
+
+
+def front_parts(teams: Sequence[Row], people: Sequence[Row]) -> list[Part]:
+    """Returns what README compares: agents beside laws of equal access."""
+    small = [row for row in teams if TEAM_FAMILIES[row["family"]].team <= TESTED]
+    by_scan = tuple(law for law in RIVALS["team_scan"] if law not in AGENTS and law in LEAST_ACCESS)
+    among = AMONG_PEOPLE["people_free"]
+    return [
+        ("in the open, lidar only", "team_scan", by_scan, "solved", of_kind(small, "open")),
+        ("at doors and in rooms, lidar only", "team_scan", by_scan, "solved", of_kind(small, "walls")),
+        ("on CrowdNav's test cases", "people_free", among, "success", of_contest(people, "crowdnav")),
+    ]
+
+
 def front(teams: Sequence[Row], people: Sequence[Row]) -> str:
-    """Returns what README says of agents among others: a table, losses included, and a film with what it shows."""
+    """Returns the page's first table, losses included, and a film with what it shows."""
     small = [row for row in teams if TEAM_FAMILIES[row["family"]].team <= TESTED]
     laws = tuple(law for law in RIVALS["team_scan"] if law not in AGENTS)
     by_scan = tuple(law for law in laws if law in LEAST_ACCESS)
@@ -623,19 +638,15 @@ def front(teams: Sequence[Row], people: Sequence[Row]) -> str:
     ]  # fmt: skip
     filmed = [row for row in teams if row["family"] == FILMED.partition("/")[0]]
     out = {name: share(filmed, name, "arrived", 0) for name in ("team_guided", "orca_team", "vfh_plus")}
-    return f"""All robots are omni3. `team_scan` sees its scan alone; `people_free` and laws that are told have
-the places of the others. The best law solves most there; tuned gains are those that `wayfield tune` found for the
-suite in training scenarios. A world is solved if all robots arrive and nobody touches anything. In parentheses: the
-least and the greatest of three seeds; brackets are 95 % intervals. Better and worse are corrected for the
-{len(page_ps)} comparisons of the page below; equivalent is an interval within {100.0 * MARGIN:g} point.
+    return f"""In short; the best controller is the one that solves most there. Better and worse are corrected for the
+{len(page_ps)} comparisons of this page; equivalent is an interval within {100.0 * MARGIN:g} point.
 
 {table(lines, header)}
 
-![32 robots leave a room by one door: team_guided, and orca_team from the same starts](docs/doorway.gif)
+![32 robots leave a room by one door: team_guided, and orca_team from the same starts](../doorway.gif)
 
-Of {TESTED} at one door `team_guided` brings {out["team_guided"]} % out, `orca_team` {out["orca_team"]} %;
-`vfh_plus`, which is not filmed and sees its scan alone, {out["vfh_plus"]} %.
-More, by family: [agents among others](docs/results/flocks.md)."""
+Of {TESTED} at one door `team_guided` brings {out["team_guided"]} % out, `orca_team` {out["orca_team"]} %; `vfh_plus`,
+which is not filmed and has only its scan, {out["vfh_plus"]} %."""
 
 
 def of_kind(rows: Iterable[Row], kind: str) -> list[Row]:
@@ -650,7 +661,7 @@ def of_contest(rows: Iterable[Row], contest: str) -> list[Row]:
 
 def pages(docs: Path, teams: Sequence[Row], people: Sequence[Row]) -> dict[Path, str]:
     """Returns what pages beside those of results say of them."""
-    return {docs / CHOOSING: advice(teams, people), docs.parent / "README.md": front(teams, people)}
+    return {docs / CHOOSING: advice(teams, people)}
 
 
 def advised(file: Path, told: str) -> None:
@@ -718,8 +729,6 @@ that they are driven in, of other scenarios; `people_free` drove more than half 
 What it does not show: other robots, noise, laws of the scan tuned for teams or people; families that an entry
 did not drive are empty below.
 
-![32 robots leave a room by one door: team_guided, and orca_team from the same starts](../doorway.gif)
-
 [All results](../results.md)
 """
 
@@ -776,6 +785,7 @@ def page(teams: Sequence[Row], people: Sequence[Row], crossed: Sequence[Row], cu
     """Returns the page of the rows."""
     told: list[Compared] = []
     blocks = []
+    first = [front(teams, people)] if teams and people else []
     if teams:
         sentences, shown = team_tables(teams)
         told += sentences
@@ -795,7 +805,7 @@ def page(teams: Sequence[Row], people: Sequence[Row], crossed: Sequence[Row], cu
         )
     ps = [each.found.p for each in told]
     listed = "\n".join(f"* {each.sentence(ps)}" for each in told)
-    return "\n\n".join([prose.strip(), listed, *blocks]) + "\n"
+    return "\n\n".join([prose.strip(), *first, listed, *blocks]) + "\n"
 
 
 FILES = {

@@ -680,9 +680,7 @@ def network_recipe(
     task: str, name: str, seed: int, env: NativeVectorEnv, blobs: Blobs
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Returns how the page makes a trained agent decide, and the gains of it that the page can change."""
-    # the law that docks where a network stands is not in the page
-    gains = {"seed": seed, **({"patience": 0.0} if task == "docking" else {})}
-    policy = make(name, **gains)
+    policy = make(name, seed=seed)
     pilot = Pilot(policy, env)
     noted_calls = agent_calls(task, pilot, env)
     calls = {name_of(kernel): dict(leaves(names_of(kernel), values)) for kernel, values in noted_calls}
@@ -692,10 +690,10 @@ def network_recipe(
     forward = calls["forward"]
     features: Any = agent.features  # of a kind that its task says
     told: dict[str, Any] = {
-        "make": {"name": name, "gains": gains},
+        "make": {"name": name, "gains": {"seed": seed}},
         "network": True,
         "knows": policy.knows,
-        "speed": agent.speed if agent.keeps_pace else network_speed(agent.card, pilot.briefing, agent.speed),
+        "speed": network_speed(agent.card, pilot.briefing, agent.speed),
         "kind": agent.actions.kind,
         "yaw_rate": agent.actions.yaw_rate,
         "reverse": agent.actions.reverse,
@@ -717,7 +715,6 @@ def network_recipe(
         "numbers": blobs.put(halves(forward["numbers"])),
         "count": len(forward["numbers"]),
         "task": task,
-        "near_enough": NEAR_ENOUGH,
     }
     for function, call in calls.items():
         if "scales" in call:
@@ -727,9 +724,6 @@ def network_recipe(
     if "fill_goal" in calls:
         goal = calls["fill_goal"]
         told |= {"max_range": float(goal["max_range"]), "pool": int(goal["pool"]), "ahead": bool(goal["ahead"])}
-    if agent.keeps_pace:
-        most = max(agent.card["trained_on"]["speeds"])
-        told["pace"] = {"time": agent.pace_time, "most": most, "dt": pilot.briefing.dt}
     if features.posed:
         told |= {"posed": features.posed, "rest": features.rest, "rest_turn": features.rest_turn}
     if "fill_bodies" in calls:

@@ -14,16 +14,14 @@ import time
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
 import click
+import front_page
 from kept_rows import SUFFIX, packed, thinned, unpacked
 from reproduction import check, stamped
-from results_page import LEADERBOARD, PAGE, README, Kept, Made, pages, submitted
+from results_page import PAGE, README, Kept, Made, pages
 from sections import DOCUMENTS, KEPT, ROWS, SECTIONS, Section
 
-from wayfield.benchmarks.commands.submission import content as entry_files
-from wayfield.benchmarks.commands.submission import driven_today
 from wayfield.benchmarks.contests import PUBLIC_SPLIT
 from wayfield.benchmarks.entrants.documents import documents
 from wayfield.benchmarks.leaderboards.document_tables import document_tables
@@ -36,17 +34,13 @@ from wayfield.system.command_line import Names, OneLineErrors
 from wayfield.system.identity import source_digest
 from wayfield.system.storage import write_whole
 
-FILM = "docs/drive.gif"
-MOST_FRAMES, FRAME_PX, FRAME_SKIP = 110, 400, 4  # of the film
-
 
 @click.command("publish", cls=OneLineErrors, context_settings={"help_option_names": ["-h", "--help"]})
 @click.option("--run/--no-run", "first", default=True, help="Run the suites that are not done first.  [default: run]")
 @click.option("--only", type=Names("--only", [each.name for each in SECTIONS]), help="Only these.  [default: all]")
 @click.option("--stale", is_flag=True, help="Take results that come out otherwise today; the page says so.")
-@click.option("--film", is_flag=True, help=f"Also make {FILM}, the README's moving picture.")
+@click.option("--film", is_flag=True, help=f"Also make {front_page.FILM}, README's moving picture.")
 @click.option("--pages", "again", is_flag=True, help="Only make tables and pages anew from the rows that are kept.")
-@click.option("--entries", is_flag=True, help="Only drive the entries of the leaderboard again, in place.")
 @click.option("--results", default="results", show_default=True, metavar="DIR", help="Where the runs' folders are.")
 @click.option("--root", default=".", show_default=True, metavar="DIR", help="The repository, with README.md and docs.")
 @click.option("--workers", "count", type=click.IntRange(min=1), help="Processes.  [default: a core each, at most 4]")
@@ -56,7 +50,6 @@ def main(
     stale: bool,
     film: bool,
     again: bool,
-    entries: bool,
     results: str,
     root: str,
     count: int | None,
@@ -69,13 +62,9 @@ def main(
     above, home = Path(results), Path(root)
     wanted = [each for each in SECTIONS if only is None or each.name in only]
     try:
-        if entries:
-            for name, entry in submitted(home / LEADERBOARD).items():
-                found = entry_files(driven_today(entry, entry.card["entry"]["split"]))
-                write(home / LEADERBOARD / name, found)
-            return
         if again:
             write(home, made_again(home))
+            picture(home)
             return
         left = [each for each in wanted if first and not stale and not done(above / each.name)]
         for section in left:
@@ -100,11 +89,12 @@ def main(
                     "anew, or give --stale to publish it as that"
                 )
             store.changed[f"{KEPT}/{section.name}.json"] = stamped(made, found).content()
-        write(home, store.changed | pages(store))
+        write(home, store.changed | pages(store) | front_page.readme(store))
     except (OSError, ValueError) as error:
         raise click.ClickException(str(error)) from None
+    picture(home)
     if film:
-        write_whole(home / FILM, moving_picture())
+        write_whole(home / front_page.FILM, front_page.film(Kept(home)))
     print(f"{home / PAGE} and {home / README} are made from {len(list((home / KEPT).glob('*.json')))} runs")
 
 
@@ -114,7 +104,14 @@ def made_again(home: Path) -> dict[str, bytes]:
     for section, made in store.sections():
         if (name := f"{ROWS}/{section.name}{SUFFIX}") in store:
             store.changed |= tables(section, unpacked(store.content(name), section.name), made.command)
-    return store.changed | pages(store)
+    return store.changed | pages(store) | front_page.readme(store)
+
+
+def picture(home: Path) -> None:
+    """Draws README's figure from the tables that the repository keeps, where it has those of every task."""
+    found = list(front_page.panels(Kept(home)))
+    if len(found) == front_page.TASKS:
+        write_whole(home / front_page.FIGURE, front_page.figure(found))
 
 
 def write(home: Path, files: Mapping[str, bytes]) -> None:
@@ -196,41 +193,6 @@ def scenarios(rows: Episodes) -> int:
     tested = rows.where(split=("test", "claims", PUBLIC_SPLIT, "")) if "split" in rows.names else rows
     names = [name for name in ("document", "contest", "scenario", "episode") if name in tested.names]
     return int(tested.numbered(*names).max()) + 1 if tested else 0
-
-
-def moving_picture() -> bytes:
-    """Returns a GIF of VFH+ that drives through clutter by its scan."""
-    import gymnasium
-    import numpy as np
-    from PIL import Image
-
-    import wayfield.policies
-    from wayfield.benchmarks.figures.video import gif
-
-    env = gymnasium.make(
-        "wayfield/DiffDriveGoalObstacles-v0",
-        render_mode="rgb_array",
-        scenario="clutter_10/test",
-        actuators="lagged",
-        num_beams=72,
-        max_range=5.0,
-    )
-    policy = wayfield.policies.make("vfh_plus", **wayfield.policies.tuned_gains("vfh_plus", "goal-obstacles"))
-    pilot = wayfield.policies.Pilot(policy, env)
-    observation, _ = env.reset(seed=0, options={"scenario": 0})
-    pilot.reset()
-    frames, ended = [], False
-    for step in range(MOST_FRAMES * FRAME_SKIP):
-        if step % FRAME_SKIP == 0 or ended:
-            frame: Any = env.render()
-            image = Image.fromarray(frame)
-            frames.append(image.resize((FRAME_PX, FRAME_PX * image.height // image.width), Image.Resampling.LANCZOS))
-        if ended:
-            break
-        observation, _, terminated, truncated, _ = env.step(pilot.act(observation))
-        ended = terminated or truncated
-    env.close()
-    return b"".join(gif(map(np.asarray, frames), 0.025 * FRAME_SKIP))  # twice the robot's pace
 
 
 if __name__ == "__main__":

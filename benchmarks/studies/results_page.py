@@ -15,7 +15,7 @@ from kept_rows import SUFFIX
 from sections import KEPT, ROWS, SECTIONS, Section
 from tabulate import tabulate
 
-from wayfield.benchmarks.commands.submission import Submission, check_whole, read_submission
+from wayfield.benchmarks.commands.submission import Submission, left_out, read_submission
 from wayfield.benchmarks.contests import CONTESTS, PACE_TOLERANCE, TRAINED
 from wayfield.benchmarks.leaderboards.entries import (
     OFF_PACE,
@@ -45,6 +45,8 @@ CHOOSING = "docs/choosing.md"
 LEADERBOARD = "docs/leaderboard"  # a folder each accepted submission
 MOST = 6  # rows a task
 NO_MAP, ONLY_MAP = "no map", "map"
+
+Row = Mapping[str, str]
 
 # What README, the index and the advice are about: the heading, the section, the table, and the kinds of scenes.
 Task = tuple[str, str, str, tuple[str, ...]]
@@ -145,10 +147,10 @@ class Kept:
 
 
 def pages(kept: Kept) -> dict[str, bytes]:
-    """Returns the index of results, a page each, and the parts of README.md and choosing.md, as kept tables make them.
+    """Returns the index of results, a page each, and the part of choosing.md, as kept tables make them.
 
     Raises:
-        ValueError: if a table is damaged, or README.md has lost its markers.
+        ValueError: if a table is damaged, or choosing.md has lost its markers.
         OSError: if a file cannot be read.
     """
     sections = kept.sections()
@@ -156,15 +158,14 @@ def pages(kept: Kept) -> dict[str, bytes]:
     if cards := _cards():
         found[CARDS] = _cards_page(cards).encode()
     found[PAGE] = _index(kept).encode()
-    found[README] = _marked(kept, README, _front(kept, "docs/results/")).encode()
     if entries := submitted(kept.home / LEADERBOARD):
         found[f"{LEADERBOARD}/README.md"] = _leaderboard(entries).encode()
     if CHOOSING in kept:
-        found[CHOOSING] = _marked(kept, CHOOSING, _advice(kept)).encode()
+        found[CHOOSING] = marked(kept, CHOOSING, _advice(kept)).encode()
     return found
 
 
-def _marked(kept: Kept, name: str, lines: Sequence[str]) -> str:
+def marked(kept: Kept, name: str, lines: Sequence[str]) -> str:
     """Returns a page with what stands between its markers made anew."""
     try:
         return between(kept.text(name), BEGIN, END, lines)
@@ -189,18 +190,16 @@ def _leaderboard(entries: Mapping[str, Submission]) -> str:
     """Returns the page of accepted submissions, ranked by success and then by cost within a contest and split."""
     blocks = [
         "# Leaderboard",
-        "Entries that anyone can drive again: `wayfield verify docs/leaderboard/NAME` drives a random sample, or "
-        "`--all`, and compares every bit. `wayfield submit RUN ENTRY --out FOLDER` makes such a folder from a contest "
-        "run of your own policy, agent or model; open a pull request with it here. Nothing in a folder is run: an "
-        "entry of a policy that does not ship is verified with `--policy`. Made by "
+        "Entries that anyone can drive again: `wayfield verify docs/leaderboard/NAME` drives a sample, or `--all`, "
+        "and compares every bit. `wayfield submit RUN ENTRY --out FOLDER` makes such a folder from a contest run of "
+        "your own policy, agent or model; open a pull request with it here. Nothing in a folder is run: an entry of a "
+        "policy that does not ship is verified with `--policy`. Made by "
         "`python benchmarks/studies/publish.py --pages`.",
     ]
     kinds: dict[tuple[str, ...], list[tuple[str, Submission, Episodes]]] = {}
     for name, each in entries.items():
-        try:
-            check_whole(each)
-        except ValueError as error:
-            raise ValueError(f"{LEADERBOARD}/{name}: {error}") from None
+        if gone := left_out(each):
+            raise ValueError(f"{LEADERBOARD}/{name}: {gone}")
         rows = Episodes.of([{"agent_seed": "", **row} for row in each.rows])
         first = each.first
         names = ("contest", "robot", "split", "actuators", "dynamics", "disturbance")

@@ -43,7 +43,6 @@ from wayfield.policies.learned.perception import (
     hold,
     limits_of,
 )
-from wayfield.policies.learned.rescue import take_over, waiting
 from wayfield.policies.learned.residual import Base
 from wayfield.policies.parts.gain import Gains, gain
 from wayfield.policies.parts.policy import Policy
@@ -66,9 +65,6 @@ _SINCE: Mapping[str, Mapping[str, Any]] = {
 _ACTIONS_SINCE = {"reverse": 0.0}
 MOST_LAYERS, MOST_WIDTH = 32, 2**14  # of a network, so that its size is known to be sane before memory is taken
 ACTIVATIONS = ("tanh", "relu")
-# of an agent that is loaded; what training validates has neither
-PACE_TIME = 2.0  # s, in which it makes up what it is late by, on a path
-PATIENCE = 3.0  # s, without way made to a dock, after which a law docks
 CARD, WEIGHTS = "card.json", "weights.safetensors"
 _NEXT = "weights.next.safetensors"  # the weights of the card, until they take the place of those before
 
@@ -161,28 +157,23 @@ class Agent(Gains):
     what the controller knows, and keeps the controller's memory too. Drives the robot and the preview that its card
     names, by any scan that can be read as the card's, and refuses others.
 
-    With `pace_time` a path follower holds the asked speed as the mean on the path at hand, where its base can
-    (`kept_pace`). Without, and where its card says how fast it drove when it was told a speed (`cruises`), the network
-    is told the one of which the asked one comes as the mean over training paths (`network_speed`), as a controller's
-    cruising speed is tuned: sharp corners are among those, so that on a circuit it is a tenth too fast.
+    Where the card of a path follower says how fast it drove when it was told a speed (`cruises`), the network is told
+    the one of which the asked one comes as the mean (`network_speed`): as a controller's cruising speed is tuned. That
+    is the mean over training paths; with `pace_time` it holds the asked mean on the path at hand (`kept_pace`).
 
     A base that is quicker than those that it was trained on is driven as the quickest of those (`effective_actuators`,
     `hold`); one that is slower, so slowly that it stops on the same way (`network_speed`). Of what else is new, it
     warns. A base with the body of a robot that it knows (`body_of`) and a delay of its own it drives from the predicted
     state: see `parts.forward_prediction`.
-
-    One that docks and has made no way for `patience` leaves the rest to a law, `reeds_shepp_scan`: beside the pose and
-    before narrow gaps a network may stand where that law sees a way (`rescue`).
     """
 
     network: Network
     features: Features
     actions: Actions
     card: Mapping[str, Any]
-    speed: float = gain(0.6, "m/s", "the mean on a path, with `cruises` or `pace_time`; else the most", above=0.0)
+    speed: float = gain(0.6, "m/s", "the mean, where its card has `cruises`, else the most that it drives", above=0.0)
     base: Base | None = None
-    pace_time: float = gain(0.0, "s", "in which it makes up what it is late by, on a path; 0: never", least=0.0)
-    patience: float = gain(0.0, "s", "without way made to a dock, after which a law docks; 0: for ever", least=0.0)
+    pace_time: float = gain(0.0, "s", "in which it makes up what it is late by, on a path; 0: it does not", least=0.0)
 
     @property
     def knows(self) -> str:
@@ -261,8 +252,6 @@ class Agent(Gains):
             parts["held"] = np.zeros((briefing.num_envs, 3, 3))  # see `hold`, and the twist that it gave last
         if self.features.shielded == "always" or (news and self.features.shielded):
             parts["shield"] = SHIELD.reset(briefing)
-        if self.patience and self.features.posed:
-            parts["rescue"] = waiting(briefing, self.speed)
         if self.keeps_pace:
             parts["pace"] = np.zeros((briefing.num_envs, 2))  # see `kept_pace`
             parts["pace"][:, 0] = -briefing.dt * self.speed  # no time has passed when it is first asked
@@ -310,16 +299,11 @@ class Agent(Gains):
         twists = commanded(perception.actions, self.base, actions, asked, speeds, angles, robot)
         if self.base is not None and self.base.guards:
             twists = self.controller.keep_clear(observation, briefing, twists)  # type: ignore[union-attr]
-        tolerances = briefing.position_tolerance, briefing.heading_tolerance
-        twists = features.arrived(observation, twists, speed, actuators, tolerances)
+        twists = features.arrived(observation, twists, speed, actuators)
         twists = features.guarded(observation, twists, speed, actuators, eased=True)
         if held is not None:
             hold(*held_law(briefing, actuators), held, twists)
             held[:, 2, robot.twist_axes] = twists
-        if "rescue" in (memory.dtype.names or ()):
-            rows = take_over(measured, briefing, memory["rescue"], (self.speed, self.patience), twists)
-            if held is not None:
-                held[rows[:, None], :, np.array(robot.twist_axes)] = twists[rows, :, None]
         if "shield" in (memory.dtype.names or ()):
             twists = SHIELD.passed(measured, briefing, memory["shield"], twists)
             law: Any = self.controller
@@ -513,9 +497,6 @@ def _shipped(folder: pathlib.Path, name: str = "goal_reaching_p3dx") -> None:
 def load_agent(folder: str | os.PathLike[str], **gains: Any) -> Agent:
     """Returns the agent of a folder; `speed` (m/s) may take the place of the one it was trained for.
 
-    A path follower makes up what it is late by in PACE_TIME, and where one that docks makes no way for PATIENCE a law
-    docks; `pace_time` and `patience` (s) may take their places.
-
     Only numbers and text are read: no code of the folder runs.
 
     Raises:
@@ -536,8 +517,7 @@ def load_agent(folder: str | os.PathLike[str], **gains: Any) -> Agent:
     features, actions = card_features(card, folder / CARD)
     base = card_base(card, folder / CARD)
     try:
-        gains = {"speed": card["speed"], "base": base, "pace_time": PACE_TIME, "patience": PATIENCE} | gains
-        return Agent(network, features, actions, card, **gains)
+        return Agent(network, features, actions, card, **({"speed": card["speed"], "base": base} | gains))
     except ValueError as error:
         raise ValueError(f"{folder / CARD}: {error}") from None
 

@@ -1,6 +1,5 @@
 """The agents that ship: each loads, drives the robot that its card names, and is refused elsewhere."""
 
-import math
 import shutil
 from importlib import resources
 from pathlib import Path
@@ -19,8 +18,6 @@ from wayfield.benchmarks.episodes.metrics import measure
 from wayfield.benchmarks.episodes.rollout import roll_out
 from wayfield.benchmarks.records.cases import Case
 from wayfield.benchmarks.records.results import read_rows
-from wayfield.envs.scenarios import GoalScenario
-from wayfield.envs.scenarios.docking_families import DockingScenario
 from wayfield.policies.learned.agent import load_agent, read_card
 from wayfield.policies.learned.conditions import kept_pace
 from wayfield.policies.pilot import Pilot
@@ -107,10 +104,10 @@ def test_a_validation_of_every_third_scenario_is_that_of_those() -> None:
 
 
 @pytest.mark.parametrize(("tier", "speed"), [("lagged", 0.6), ("ideal", 0.6), ("lagged", 0.3)])
-def test_path_followers_that_make_nothing_up_hold_the_speed_in_the_mean_of_all_paths(tier: str, speed: float) -> None:
+def test_path_followers_hold_the_mean_speed_that_they_are_asked_for(tier: str, speed: float) -> None:
     """Within the 3 % by which the tables call a row paced, on paths that were not looked at to find what to tell."""
     found = validate(
-        policies.make("ppo", seed=2, speed=speed, pace_time=0.0),
+        policies.make("ppo", seed=2, speed=speed),
         PATH_ID,
         {"scenario": "all/validation", "actuators": tier},
         4000,
@@ -120,19 +117,13 @@ def test_path_followers_that_make_nothing_up_hold_the_speed_in_the_mean_of_all_p
     assert found.speed == pytest.approx(speed, rel=0.03)
 
 
-@pytest.mark.parametrize(
-    ("family", "tier", "speed"),
-    [("circuits", "lagged", 0.6), ("circuits", "slow", 0.4), ("splines", "ideal", 0.6), ("circles", "lagged", 0.3)],
-)
-def test_path_followers_hold_the_speed_that_they_are_asked_for_on_the_path_at_hand(
-    family: str, tier: str, speed: float
-) -> None:
-    where = {"scenario": f"{family}/validation", "actuators": tier}
-    folder = shipped("path_following", "p3dx")[1]
-    for policy in (policies.make("ppo", seed=1, speed=speed), load_agent(folder, speed=speed)):
-        found = validate(policy, PATH_ID, where, 2400, every=3)
-        assert found.success == 1.0
-        assert found.speed == pytest.approx(speed, rel=0.03)
+@pytest.mark.parametrize("family", ["circles", "splines"])
+def test_an_agent_that_makes_up_what_it_is_late_by_holds_the_mean_of_a_family(family: str) -> None:
+    """Without, it is told the speed of which the asked one comes as the mean of all families, and these are quicker."""
+    where = {"scenario": f"{family}/validation", "actuators": "lagged"}
+    found = validate(policies.make("ppo", seed=1, speed=0.6, pace_time=4.0), PATH_ID, where, 1200, every=3)
+    assert found.success == 1.0
+    assert found.speed == pytest.approx(0.6, rel=0.02)
 
 
 @pytest.mark.parametrize("slower", [0.0, 0.15, 0.3])
@@ -165,32 +156,6 @@ def test_agents_dock_where_a_user_meets_them_first(env_id: str, tier: str, beams
         alive &= ~(terminated | truncated)
     assert won.mean() > 0.7
     assert hit.mean() < 0.2
-
-
-@pytest.mark.parametrize(("robot", "tolerance"), [("p3dx", 0.05), ("p3dx", 0.01), ("omni4", 0.05)])
-def test_agents_dock_from_beside_the_pose_as_near_as_it_asks(robot: str, tolerance: float) -> None:
-    """Where a network stands, a law docks: from all sides of a pose, that it is parallel to in every second case."""
-    rng = np.random.default_rng(4)
-    docks = []
-    for k in range(40):
-        away, around = rng.uniform(0.1, 1.5), rng.uniform(-math.pi, math.pi)
-        turn = rng.uniform(-math.pi, math.pi) if k % 2 else 0.0
-        start = away * math.cos(around), away * math.sin(around), turn
-        docks.append(DockingScenario(f"beside_{k}", (0.0, 0.0, 0.0), start, position_tolerance=tolerance))
-    where = {"scenario": docks, "actuators": "lagged", "num_beams": 72, "max_range": 5.0, "robot": robot}
-    found = validate(policies.make("ppo", seed=0), DOCK_ID if robot == "p3dx" else OMNI_DOCK_ID, where, 1200)
-    assert found.success >= 0.95
-    assert found.collision == 0.0
-
-
-@pytest.mark.parametrize("name", ["ppo", "hybrid"])
-def test_agents_come_as_near_to_a_goal_as_it_asks(name: str) -> None:
-    goals = [
-        GoalScenario(f"near_{k}", (1.5 * math.cos(k), 1.5 * math.sin(k), 2.0 * k % 3.0), position_tolerance=tolerance)
-        for k, tolerance in enumerate((0.01, 0.006, 0.1, 0.01))
-    ]
-    where = {"scenario": goals, "actuators": "lagged", "num_beams": 72, "max_range": 5.0}
-    assert validate(policies.make(name), DIFF_GOAL_ID, where, 1200).success == 1.0
 
 
 def test_other_seeds_robots_and_scans_are_refused_by_name() -> None:

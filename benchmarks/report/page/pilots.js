@@ -172,7 +172,6 @@ class Network {
     this.scratch = room(8 * recipe.widest, [2, recipe.widest]);
     this.angles = room(8, [1]);
     this.speeds = doubles([this.speed]);
-    if (recipe.pace) this.pace = { asked: this.speed, late: -recipe.pace.dt * this.speed, driven: 0 };
     this.sizes = { at: simulator.kept(recipe.sizes), shape: [recipe.layers] };
     this.numbers = { at: simulator.kept(recipe.numbers, joined), shape: [recipe.count] };
     this.fields = {};
@@ -180,7 +179,6 @@ class Network {
     for (const name of ["fill_path", "fill_goal", "fill_trails", "fill_crumbs", "fill_moving", "fill_pose", "fill_bodies", "arrive"]) {
       if (recipe[`${name}_scales`]) this[name] = doubles(recipe[`${name}_scales`]);
     }
-    if (recipe.arrive_scales) kernels.f64(this.arrive.at, 4)[3] = this.atMost(recipe.arrive_scales[3], "position_tolerance");
     if (recipe.guard) this.guard = doubles(recipe.guard);
     if (recipe.hold) {
       this.law = doubles(recipe.hold);
@@ -211,7 +209,6 @@ class Network {
       const twist = kernels.f64(fields.twist.at, body.axes.length);
       body.axes.forEach((axis, k) => { twist[k] += held[3 + axis] - held[6 + axis]; });
     }
-    if (this.pace) this.keepPace();
     const part = (place, from, count) => ({ at: place.at + 4 * from, shape: [1, count] });
     const seenPart = part(inputs, 0, recipe.width);
     kernels.f64(this.angles.at, 1)[0] = 0;
@@ -291,16 +288,6 @@ class Network {
     return this.ended(this.wanted);
   }
 
-  // `kept_pace`, of one robot: what it is late by is made up.
-  keepPace() {
-    const { pace, recipe: { pace: { time, most, dt } }, simulator: { kernels, body, seen } } = this;
-    const driven = Math.sqrt(Array.from(seen.twist).slice(0, body.axes.length - 1).reduce((sum, v) => sum + v * v, 0));
-    pace.late += dt * (pace.asked - 0.5 * (driven + pace.driven));
-    pace.driven = driven;
-    this.speed = Math.min(Math.max(pace.asked + pace.late / time, 0.5 * pace.asked), Math.max(pace.asked, most));
-    kernels.f64(this.speeds.at, 1)[0] = this.speed;
-  }
-
   // What the base asks for: the velocity that it wants, or the twist that it drives by that.
   asked() {
     const { kernels, seen, body } = this.simulator;
@@ -358,16 +345,11 @@ class Network {
     return this.turning([a, b], this.speed / Math.max(Math.sqrt(a * a + b * b), 1), this.angle);
   }
 
-  // `rest_radius`: an agent's own, m or rad, or less where the goal asks.
-  atMost(own, tolerance) {
-    return Math.min(own, this.recipe.near_enough * this.simulator.world[tolerance]);
-  }
-
-  // Whether the robot is where it is to rest: `DockFeatures.arrived`.
+  // Whether the robot is where it is to rest: the end of `DockFeatures.guarded`.
   rests() {
+    const { recipe } = this;
     const { goal: [x, y], goal_heading_error: [turn], waypoints_left: [left] } = this.simulator.seen;
-    const rest = this.atMost(this.recipe.rest, "position_tolerance");
-    return x * x + y * y < rest * rest && left < 0.5 && Math.abs(turn) < this.atMost(this.recipe.rest_turn, "heading_tolerance");
+    return x * x + y * y < recipe.rest * recipe.rest && left < 0.5 && Math.abs(turn) < recipe.rest_turn;
   }
 
   // What stands around the network in `Agent.act`: `GoalFeatures.arrived` and `guarded`, `hold`, and the shield.

@@ -1,0 +1,319 @@
+"""README's part of the results: who wins at four tasks, one figure and four sentences, from the kept rows alone."""
+
+import csv
+import dataclasses
+import io
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import flocks
+import gymnasium
+import matplotlib
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from PIL import Image, ImageDraw
+from results_page import KEPT, ONLY_MAP, README, Kept, Row, marked, verdict_of
+
+from wayfield import policies
+from wayfield.benchmarks.contests import PACE_TOLERANCE
+from wayfield.benchmarks.figures.drawing import RC
+from wayfield.benchmarks.statistics.aggregates import interval, mean
+from wayfield.envs.tasks.task import CONTROL_PERIOD
+
+FIGURE, FILM = "docs/who_wins.png", "docs/drive.webp"
+FILMED = "moving_crowd/test"  # the first of its scenes
+FRAME_PX, FRAME_SKIP, PACE_SHOWN = 480, 4, 2.0  # of each side; steps a frame; times the robots' own pace
+CONTROLLER, AGENT = "#0072B2", "#E69F00"  # of Okabe and Ito, apart for colour-blind readers
+AGENTS = {"ppo": "PPO"}
+WON, LOST, OPEN, TIED = "won", "lost", "open", "tied"
+
+
+@dataclasses.dataclass(frozen=True)
+class Bar:
+    """What an entry comes to, with its 95 % interval."""
+
+    policy: str
+    value: float
+    low: float
+    high: float
+
+    @property
+    def named(self) -> str:
+        """Returns how a sentence calls the entry."""
+        return AGENTS.get(self.policy) or f"`{self.policy}`"
+
+
+@dataclasses.dataclass(frozen=True)
+class Match:
+    """The best controller beside the agent in a kind of scenes."""
+
+    where: str
+    controller: Bar
+    agent: Bar
+    scenes: int
+    outcome: str  # of the controller: WON, LOST, OPEN, TIED
+    speeds: tuple[float, float] | None = None  # m/s, where they differ
+
+
+@dataclasses.dataclass(frozen=True)
+class Panel:
+    """A task: a panel of the figure and a sentence."""
+
+    title: str
+    axis: str
+    unit: str
+    scenes: str  # the noun
+    win: str  # a sentence's words, of a winner, a loser and where
+    matches: tuple[Match, ...]
+
+
+# The kinds of scenes of a task: as the leaderboards call them, and as README does.
+_TASKS: tuple[tuple[str, str, str, str, str, str, Mapping[str, str]], ...] = (
+    (
+        "Path following", "RMS cross-track error (mm), lower is better", "mm", "paths",
+        "path_following_p3dx", "{} tracks {where} more closely than {}",
+        {"smooth paths": "smooth paths", "paths with corners": "paths with corners"},
+    ),
+    (
+        "Goal reaching without a map", "success (%)", "%", "scenes",
+        "claims/goal_obstacles_p3dx", "{} reaches more goals than {} {where}",
+        {"still": "among static obstacles", "moving": "among moving obstacles"},
+    ),
+    (
+        "Docking without a map", "success (%)", "%", "docks",
+        "claims/docking_p3dx", "{} docks more often than {} {where}",
+        {"nothing around": "in free space", "at a wall or in a berth": "at a wall or in a bay",
+         "moving": "beside moving obstacles"},
+    ),
+)  # fmt: skip
+
+
+TASKS = len(_TASKS) + 1
+_SECTIONS = ("path-following", "goal-obstacles-claims", "docking-claims")  # whose rows these are
+
+
+def panels(kept: Kept) -> Iterator[Panel]:
+    """Yields the tasks that there are kept rows of."""
+    for title, axis, unit, scenes, stem, win, kinds in _TASKS:
+        board, lines = kept.rows(f"{stem}_board"), kept.rows(f"{stem}_pairs")
+        found = [_match(board, lines, kind, where, unit) for kind, where in kinds.items()]
+        if matches := tuple(each for each in found if each is not None):
+            yield Panel(title, axis, unit, scenes, win, matches)
+    if matches := tuple(_crowds(kept)):
+        win = "{} solves more scenes than {} {where}"
+        yield Panel("Teams and crowds", "scenes solved (%)", "%", "scenes", win, matches)
+
+
+def _match(board: Sequence[Row], lines: Sequence[Row], kind: str, where: str, unit: str) -> Match | None:
+    """Returns the best controller without a map beside the agent, in a kind of scenes."""
+    mine = [row for row in board if row["scenes"] == kind]
+    agent = next((row for row in mine if row["policy"] in AGENTS), None)
+    able = [row for row in mine if row["has access to"] != ONLY_MAP and row["gains"] != "trained"]
+    controller = next((row for row in able if _entry(row) in _at_pace(board, lines)), next(iter(able), None))
+    if agent is None or controller is None:
+        return None
+    found = verdict_of(lines, kind, _entry(controller), _entry(agent))
+    if found is None:
+        return None
+    words, line, _ = found
+    column = "success (%)" if unit == "%" else list(agent)[4]
+    speeds = float(controller["speed (m/s)"]), float(agent["speed (m/s)"])
+    apart = unit != "%" and abs(speeds[0] - speeds[1]) > PACE_TOLERANCE * speeds[1]
+    bars = [Bar(row["policy"], *_numbers(row[column])) for row in (controller, agent)]
+    return Match(where, bars[0], bars[1], int(line["scenarios"]), _outcome(words, unit), speeds if apart else None)
+
+
+def _entry(row: Row) -> tuple[str, str]:
+    return row["policy"], row["gains"]
+
+
+def _at_pace(board: Sequence[Row], lines: Sequence[Row]) -> set[tuple[str, str]]:
+    """Returns the entries that hold the requested speed in the mean over all scenes; all where none is requested."""
+    asked = float(lines[0]["asked (m/s)"] or "nan") if lines else math.nan
+    counts = {line["scenes"]: float(line["scenarios"]) for line in lines}
+    found = set()
+    for entry in {_entry(row) for row in board}:
+        mine = [
+            (float(row["speed (m/s)"] or "nan"), counts.get(row["scenes"], 0.0))
+            for row in board
+            if _entry(row) == entry
+        ]
+        speed = sum(speed * count for speed, count in mine) / max(sum(count for _, count in mine), 1.0)
+        if not abs(speed - asked) > PACE_TOLERANCE * asked:
+            found.add(entry)
+    return found
+
+
+def _numbers(cell: str) -> tuple[float, float, float]:
+    found = [float(each) for each in re.findall(r"-?\d+\.?\d*", cell)]
+    return (found[0], found[1], found[2]) if len(found) == 3 else (found[0], found[0], found[0])
+
+
+def _outcome(words: str, unit: str) -> str:
+    """Returns what the words of a verdict say of the successes, or of errors (`errs less`)."""
+    if "not significant" in words:
+        return OPEN
+    won, lost = ("more successes", "fewer successes") if unit == "%" else ("errs less", "errs more")
+    return WON if won in words else LOST if lost in words else TIED if "equivalent" in words else OPEN
+
+
+def _crowds(kept: Kept) -> Iterator[Match]:
+    """Yields the agents among others beside the best controllers of equal access."""
+    teams, people = (_rows(kept, flocks.FILES[part]) for part in ("teams", "people"))
+    if not teams or not people:
+        return
+    of_page = flocks.of_page(teams, people)
+    for where, agent, laws, metric, rows in flocks.front_parts(teams, people):
+        law, here = flocks.rival(rows, agent, laws, metric)
+        less = flocks.less(here, agent, law, metric)
+        outcome, _, how = less.outcome(of_page).partition(", ")
+        mirrored = {"better": LOST, "worse": WON, "equivalent": TIED}.get(outcome, OPEN)
+        bars = [_bar(here, name, metric) for name in (law, agent)]
+        yield Match(where, bars[0], bars[1], less.worlds, OPEN if how else mirrored)
+
+
+def _rows(kept: Kept, name: str) -> list[Row]:
+    place = f"{KEPT}/{name}"
+    return list(csv.DictReader(io.StringIO(kept.text(place)))) if place in kept else []
+
+
+def _bar(rows: Sequence[Row], name: str, metric: str) -> Bar:
+    """Returns a share of worlds in per cent, over the worlds and the seeds of an agent."""
+    worlds = flocks.by_world(rows, name, metric)
+    table = 100.0 * np.array(list(worlds.values()))
+    ends = interval(table, ["/".join(key[:2]) for key in worlds], mean)
+    value = float(table.mean())
+    return Bar(name.removesuffix(flocks.TUNED), value, *(ends or (value, value)))
+
+
+def sentences(found: Sequence[Panel]) -> list[str]:
+    """Returns a sentence a task: who wins, by how much, in how many scenes."""
+    return [f"- **{each.title}**: {'; '.join(_clause(each, match) for match in each.matches)}." for each in found]
+
+
+def _clause(panel: Panel, match: Match) -> str:
+    digits = 1 if panel.unit == "%" else 2
+    a, b = match.controller, match.agent
+    if match.outcome == LOST:
+        a, b = b, a
+    numbers = f"{a.value:.{digits}f} vs. {b.value:.{digits}f} {panel.unit}, {match.scenes:,} {panel.scenes}"
+    if match.speeds:
+        numbers += f", at {match.speeds[0]:.2f} vs. {match.speeds[1]:.2f} m/s"
+    if match.outcome in (WON, LOST):
+        return panel.win.format(a.named, b.named, where=match.where) + f" ({numbers})"
+    what = "are equivalent" if match.outcome == TIED else "do not differ significantly"
+    place = (
+        match.where if match.where.partition(" ")[0] in ("among", "in", "at", "beside", "on") else f"on {match.where}"
+    )
+    return f"{a.named} and {b.named} {what} {place} ({numbers})"
+
+
+def readme(kept: Kept) -> dict[str, bytes]:
+    """Returns README.md with its part made anew, by its place; ValueError if it has lost its markers."""
+    stale = [made.sentence() for section, made in kept.sections() if section.name in _SECTIONS and made.stale]
+    return {README: marked(kept, README, [*_lines(list(panels(kept))), *stale]).encode()}
+
+
+def _lines(found: Sequence[Panel]) -> list[str]:
+    if not found:
+        return ["No run of this version is published."]
+    shown = f"![The best controller beside the agent at each task, with 95 % intervals]({FIGURE})"
+    return ["\n".join([shown, "", *sentences(found)])]
+
+
+def figure(found: Sequence[Panel]) -> bytes:
+    """Returns the figure as PNG: a panel a task, a group of two bars a kind of scenes."""
+    with matplotlib.rc_context(RC):
+        drawn = Figure((13.0, 9.0))
+        for axes, panel in zip(drawn.subplots(2, 2).flat, found, strict=False):
+            _draw(axes, panel)
+        keys = [
+            Patch(color=CONTROLLER, label="best controller of equal access"),
+            Patch(color=AGENT, label="trained agent"),
+        ]
+        drawn.legend(handles=keys, loc="lower center", ncols=2, fontsize=16)
+        drawn.tight_layout(rect=(0.0, 0.05, 1.0, 1.0), h_pad=2.0, w_pad=3.0)
+        file = io.BytesIO()
+        drawn.savefig(file, format="png", dpi=100)
+    return file.getvalue()
+
+
+def _draw(axes: Any, panel: Panel) -> None:
+    ends, digits = max(max(m.controller.high, m.agent.high) for m in panel.matches), 1 if panel.unit == "%" else 2
+    for k, match in enumerate(panel.matches):
+        for bar, colour, y in ((match.controller, CONTROLLER, k - 0.18), (match.agent, AGENT, k + 0.18)):
+            reach = [[max(bar.value - bar.low, 0.0)], [max(bar.high - bar.value, 0.0)]]
+            axes.barh(y, bar.value, 0.34, color=colour, xerr=reach, error_kw={"capsize": 3, "lw": 1.5})
+            name, value = AGENTS.get(bar.policy, bar.policy), f"{bar.value:.{digits}f}"
+            inside = bar.value > 0.6 * ends
+            if inside:
+                dark = colour == CONTROLLER
+                axes.text(0.02 * ends, y, name, va="center", fontsize=14, color="white" if dark else "black")
+            text = value if inside else f"{name} {value}"
+            axes.text(bar.high + 0.02 * ends, y, text, va="center", fontsize=14)
+    axes.set_yticks(range(len(panel.matches)), list(map(_wrapped, panel.matches)), fontsize=14)
+    axes.invert_yaxis()
+    axes.set_xlim(0.0, ends * 1.2)
+    if panel.unit == "%":
+        axes.set_xticks(range(0, 101, 25))
+    axes.tick_params(axis="x", labelsize=13)
+    axes.set_xlabel(panel.axis, fontsize=13)
+    axes.set_title(panel.title, fontsize=17, loc="left", fontweight="bold")
+    axes.grid(visible=False, axis="y")
+
+
+def _wrapped(match: Match) -> str:
+    words = match.where.split()
+    half = (len(words) + 1) // 2
+    return "\n".join((" ".join(words[:half]), " ".join(words[half:]), f"n = {match.scenes:,}"))
+
+
+def film(kept: Kept) -> bytes:
+    """Returns an animated WebP: VFH+ and PPO's median seed drive the same moving obstacles, side by side."""
+    seeds = [row for row in kept.rows("claims/goal_obstacles_p3dx_seeds") if row["policy"] == "ppo"]
+    seeds.sort(key=lambda row: float(row["success (%)"]))
+    median = int(seeds[len(seeds) // 2]["seed"])
+    sides = {
+        "VFH+ (controller)": policies.make("vfh_plus", **policies.tuned_gains("vfh_plus", "goal-obstacles")),
+        "PPO (trained agent)": policies.make("ppo", seed=median),
+    }
+    reels = [_reel(policy, name) for name, policy in sides.items()]
+    frames = []
+    for k in range(max(map(len, reels)) + 5):  # the end stands still for a moment
+        both = [reel[min(k, len(reel) - 1)] for reel in reels]
+        sheet = Image.new("RGB", (2 * FRAME_PX + 8, both[0].height), "white")
+        for place, image in enumerate(both):
+            sheet.paste(image, (place * (FRAME_PX + 8), 0))
+        frames.append(sheet)
+    file = io.BytesIO()
+    period = round(1e3 * CONTROL_PERIOD * FRAME_SKIP / PACE_SHOWN)
+    frames[0].save(file, "WEBP", save_all=True, append_images=frames[1:], duration=period, loop=0, quality=60, method=6)
+    return file.getvalue()
+
+
+def _reel(policy: Any, name: str) -> list[Any]:
+    """Returns the frames of an episode, each with the policy's name."""
+    env: Any = gymnasium.make(
+        "wayfield/DiffDriveGoalObstacles-v0", scenario=FILMED, actuators="lagged", num_beams=72, max_range=5.0,
+        render_mode="rgb_array",
+    )  # fmt: skip
+    pilot = policies.Pilot(policy, env)
+    observation, _ = env.reset(seed=0, options={"scenario": 0})
+    pilot.reset()
+    frames, step, ended = [], 0, False
+    while not ended:
+        observation, _, terminated, truncated, _ = env.step(pilot.act(observation))
+        ended = terminated or truncated
+        if step % FRAME_SKIP == 0 or ended:
+            image = Image.fromarray(env.render())
+            image = image.resize((FRAME_PX, FRAME_PX * image.height // image.width), Image.Resampling.LANCZOS)
+            pen = ImageDraw.Draw(image)
+            pen.rectangle((0, 0, FRAME_PX, 24), fill="white")  # over the renderer's own line, too small here
+            pen.text((6, 2), name, fill="black", font_size=18)
+            frames.append(image)
+        step += 1
+    env.close()
+    return frames
