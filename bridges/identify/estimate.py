@@ -11,8 +11,8 @@ A value x of a parameter is inside of its interval if, with the others fitted an
 
 with L the loss, N the number of residuals, and F the ratio of the variance over blocks of the drive (delete-one
 jackknife) to that of independent residuals, at least 1: it covers correlated noise, and what the model does not say.
-t is Student's quantile for as many blocks as inform the parameter. A log that holds each second command holds a change
-late, by up to half of the interval between commands: so much is added to the upper end of a delay.
+t is Student's quantile for as many blocks as inform the parameter. Half of the interval between commands is added to
+the upper end of a delay, and to all of them by how much throttled commands shift the parameter (`sampling`).
 
 Sources: Huber, Robust Statistics, 1981; Cameron and Miller, A Practitioner's Guide to Cluster-Robust Inference, 2015.
 """
@@ -39,24 +39,26 @@ from wayfield.bridges.identify.response import (
     axis_response,
     pair_response,
 )
+from wayfield.bridges.identify.sampling import earlier, lateness, throttled, traced
 
 DELAYS = np.arange(0.0, 0.5, 0.03)  # s, of the grid
 LONGEST_DELAY = 0.8  # s
 LAGS = (0.002, 3.0)  # s
 BLOCK = 10.0  # s, of the blocks that are left out in turn to choose the saturation
 GAIN = 0.005  # share of the held-out error by which a saturation must be better than the one before
+TELLING = 10.0  # of the loss, by which commands between the records must be better than those that are held
 BEND = 3.0  # deviations of the noise, beyond which a residual counts in proportion
 FAR = 8.0  # deviations, beyond which a message is called wrong
 MOST_WRONG = 0.03  # share of the messages
 PIECE = 2.0  # s, of the blocks of the jackknife
 REGULAR = 1.5  # times the limit, up to which a likelihood that leaves it at the expected end has one ridge
+NEAR = 0.2  # of the limit, within which the end is that of a straight line
 FLAT = 1e-9  # of the largest eigenvalue: a direction of which a drive says nothing
 ROUGH = 0.02  # of the largest command of an axis: the noise before anything is known of it
 LEAST_NOISE = 1e-4  # of odometry, in its largest speed: a simulator's may have none, and no number is known so well
 LEAST = 0.01, 0.02  # m/s and rad/s, of the largest command of an axis that is driven at all
 WIDEST_TIME = 0.1  # s, between the ends of a delay or lag, beyond which more driving helps
 WIDEST_GAIN, WIDEST = 1.25, 2.0  # ratio of the ends of a gain, and of accelerations and limits
-LONGEST_INTERVAL = 0.5  # s, between commands that follow each other; beyond, one was held
 UNKNOWN = np.array([0.0, 1.0, 1e3, 1e3, 0.1, 0.0, 1.0, 1e3, 1e3, 0.1, 1e3, 1e3])  # as PAIR, of axes without commands
 
 
@@ -94,6 +96,7 @@ class Fit:
     drive: Drive  # what it is fitted to
     noise: Floats  # (2,) standard deviation of the residuals
     held_out: tuple[float, float, float]  # RMS of both axes over their noise, per saturation, on blocks left out
+    throttled: bool = False  # whether the drive's commands are those between the records, as they are not all recorded
     estimates: tuple[Estimate, ...] = ()
 
     def __getitem__(self, name: str) -> Estimate:
@@ -153,18 +156,16 @@ class Problem:
         if self._last is None or not np.array_equal(self._last[0], x):
             numbers = self.numbers(x)
             v, slopes = self.respond(numbers)
-            scale = np.where((x >= self.low) & (x <= self.high), 1.0, 0.0)
             left = self.weights * (v - self.measured)
             size = np.abs(left)
             bent = np.sqrt(BEND * np.maximum(2.0 * size - BEND, BEND))
             roots = np.where(size <= BEND, left, np.sign(left) * bent)
             falling = self.weights * np.where(size <= BEND, 1.0, BEND / bent)
-            columns = np.empty((len(v), len(x)))
+            chain = np.zeros((len(numbers), len(x)))
             for j, group in enumerate(self.groups):
-                factor = scale[j] if self.linear[j] else scale[j] * numbers[group[0]]
-                columns[:, j] = slopes[:, group[0]] if len(group) == 1 else slopes[:, group].sum(axis=1)
-                columns[:, j] *= factor * falling
-            self._last = x.copy(), roots, columns
+                inside = self.low[j] <= x[j] <= self.high[j]
+                chain[list(group), j] = inside * (1.0 if self.linear[j] else numbers[group[0]])
+            self._last = x.copy(), roots, falling[:, None] * (slopes @ chain)
         return self._last[1], self._last[2]
 
     def solve(self, x: Floats, free: Sequence[int], tolerance: float = 1e-9, most: int = 60) -> tuple[Floats, float]:
@@ -189,7 +190,9 @@ class Problem:
         free = range(len(self.groups))
         return min((self.solve(x, free, tolerance) for x in starts), key=lambda each: each[1])
 
-    def interval(self, best: Floats, cost: float, index: int, count: float, pieces: "Pieces") -> tuple[float, float]:
+    def interval(
+        self, best: Floats, cost: float, index: int, count: float, pieces: "Pieces", unsure: float
+    ) -> tuple[float, float]:
         """Returns the ends of a parameter's interval, in its own unit; -inf and inf where the bounds are inside.
 
         Args:
@@ -198,6 +201,7 @@ class Problem:
             index: of the parameter.
             count: of independent measurements; more than the cost where the noise is taken as more than what is left.
             pieces: the variance over blocks.
+            unsure: by how much the parameter may be off by what commands did between their records.
         """
         spare = max(count - cost, 0.0)
         deviation, reach = pieces.spread(np.eye(len(best))[index])
@@ -205,7 +209,12 @@ class Problem:
         ahead = pieces.covariance[:, index] / max(pieces.covariance[index, index], 1e-18)
         limit = reach**2 / count
         ends = [self._end(best, cost, spare, index, side, limit, reach * deviation, ahead) for side in (-1.0, 1.0)]
-        low, high = ends if self.linear[index] else [math.exp(each) for each in ends]
+        low, high = (
+            best[index] + math.copysign(math.hypot(end - best[index], unsure), side)
+            for end, side in zip(ends, (-1.0, 1.0), strict=True)
+        )
+        if not self.linear[index]:
+            low, high = math.exp(low), math.exp(high)
         return (low if low > 0.0 else -math.inf), high
 
     def _end(
@@ -236,6 +245,8 @@ class Problem:
         while True:
             outer = min(outer, room)
             outer_root, x = root(outer, start, inner)
+            if inner == 0.0 and abs(outer_root - wanted) < NEAR * wanted:
+                return float(best[index] + side * outer * wanted / outer_root)
             if inner == 0.0 and wanted < outer_root < REGULAR * wanted:
                 break
             if outer_root <= wanted:
@@ -475,13 +486,25 @@ def fit(drive: Drive, half_track: float = 0.2, delays: Floats = DELAYS) -> Fit:
         saturation, start, held_out = choose_saturation(drive, axes, half_track)
     else:
         saturation, start, held_out = AXES, axes, (1.0, 1.0, 1.0)
-    numbers = start
-    for _ in range(2):  # the second without what is wrong by the first
-        problem = pair_problem(drive, saturation, noise_of(drive, pair_response(drive, saturation, numbers)[0]))
-        numbers = problem.numbers(problem.best([problem.parameters(numbers)])[0])
-        found = Fit(saturation, numbers, drive, noise_of(drive, pair_response(drive, saturation, numbers)[0]), held_out)
-        drive = drive.only(~found.wrong)
-    return found
+    found = _again(Fit(saturation, start, drive, np.ones(2), held_out), drive)
+    found = _again(found, drive.only(~found.wrong))
+    other = _again(dataclasses.replace(found, throttled=True), earlier(found.drive, 0.5, lateness(drive)))
+    return other if _loss(other, found.noise) < _loss(found, found.noise) - TELLING else found
+
+
+def _again(found: Fit, drive: Drive) -> Fit:
+    """Returns a fit that starts from another, of the same saturation, to the same drive with changes."""
+    noise = noise_of(drive, pair_response(drive, found.saturation, found.numbers)[0])
+    problem = pair_problem(drive, found.saturation, noise)
+    numbers = problem.numbers(problem.best([problem.parameters(found.numbers)])[0])
+    noise = noise_of(drive, pair_response(drive, found.saturation, numbers)[0])
+    return dataclasses.replace(found, numbers=numbers, drive=drive, noise=noise)
+
+
+def _loss(found: Fit, noise: Floats) -> float:
+    """Returns the loss of a fit, of residuals over a noise."""
+    problem = pair_problem(found.drive, found.saturation, noise)
+    return float((problem.at(problem.parameters(found.numbers))[0] ** 2).sum())
 
 
 def refitted(found: Fit, drive: Drive, fixed: Mapping[int, float]) -> Floats:
@@ -490,13 +513,6 @@ def refitted(found: Fit, drive: Drive, fixed: Mapping[int, float]) -> Floats:
     numbers[list(fixed)] = list(fixed.values())
     problem = pair_problem(drive, found.saturation, found.noise, fixed)
     return problem.numbers(problem.best([problem.parameters(numbers)])[0])
-
-
-def sampling(drive: Drive) -> float:
-    """Returns by how much (s) a change of the commands may have come before its record, in the mean."""
-    changes = np.flatnonzero(np.any(np.diff(drive.commands, axis=0) != 0.0, axis=1))
-    gaps = np.diff(drive.command_times)[changes]
-    return 0.5 * min(float(np.quantile(gaps, 0.75)), LONGEST_INTERVAL) if len(gaps) else 0.0
 
 
 def intervals(found: Fit) -> Fit:
@@ -508,7 +524,15 @@ def intervals(found: Fit) -> Fit:
     count = max(cost, float(drive.counted.sum() * len(commanded(drive))))
     blocks = (drive.times[drive.counted] // PIECE).astype(np.int64)
     pieces = Pieces.of(problem, x, np.concatenate([blocks, blocks]))
-    late = sampling(drive)
+    late = lateness(drive)
+    shifts = np.zeros((1, len(x)))
+    if late > 0.0:
+        v, slopes = problem.respond(numbers)
+        left = (problem.weights * (v - problem.measured)).reshape(2, -1)  # both axes, one after the other
+        slopes = (problem.weights * slopes[:, [0, 5]].sum(axis=1)).reshape(2, -1)
+        span = 2.0 * late if found.throttled else traced(late, left, slopes, blocks)
+        again = [pair_problem(each, found.saturation, found.noise) for each in throttled(drive, span)]
+        shifts = np.stack([each.solve(x, range(len(x)), 1e-4, 20)[0] for each in again]) - x
     places = [group[0] for group in problem.groups]
     estimates = []
     for place, (name, unit) in enumerate(_labels(found.saturation)):
@@ -518,7 +542,8 @@ def intervals(found: Fit) -> Fit:
             estimates.append(Estimate(name, unit, math.nan, -math.inf, math.inf, advice))
             continue
         factor = 2.0 if name == "track" else 1.0
-        low, high = (factor * end for end in problem.interval(x, cost, places.index(place), count, pieces))
+        index = places.index(place)
+        low, high = (factor * end for end in problem.interval(x, cost, index, count, pieces, _size(shifts[:, index])))
         if place % 5 in (0, 4) and place < 10:
             low = max(low, 0.0)
         if place in (0, 5):
@@ -527,12 +552,17 @@ def intervals(found: Fit) -> Fit:
         estimates.append(dataclasses.replace(each, missing=_missing(each, late)))
         if place in (4, 9):
             direction = np.zeros(len(x))
-            direction[places.index(place - 4)], direction[places.index(place)] = 1.0, numbers[place]
+            direction[places.index(place - 4)], direction[index] = 1.0, numbers[place]
             deviation, reach = pieces.spread(direction)
-            half, total = reach * deviation, float(numbers[place - 4] + numbers[place])
+            half = math.hypot(reach * deviation, _size(shifts @ direction))
+            total = float(numbers[place - 4] + numbers[place])
             label = f"delay_{name[-1]} + lag_{name[-1]}"
             estimates.append(Estimate(label, "s", total, max(total - half, 0.0), total + half + late))
     return dataclasses.replace(found, numbers=numbers, estimates=tuple(estimates))
+
+
+def _size(shifts: Floats) -> float:
+    return math.sqrt(float((shifts**2).mean()))
 
 
 def _labels(saturation: int) -> list[tuple[str, str]]:

@@ -15,7 +15,7 @@ from wayfield.bridges.identify.sheet import identified, predicted, settled
 from wayfield.envs.robots import ROBOTS
 from wayfield.envs.robots.intervals import Interval
 
-LOGS = 48  # of drawn bases, four rounds of each drive and fault
+LOGS = 200  # of drawn bases; each drive and fault comes sixteen times or more
 
 
 @pytest.mark.parametrize(("seed", "base"), [(0, "p3dx"), (2, "jackal")])
@@ -76,29 +76,31 @@ def test_a_sheet_that_errs_more_than_an_ideal_base_is_refused_in_a_line() -> Non
         assert "\n" not in str(told.value)
 
 
-@pytest.mark.parametrize(("axis", "value"), [(0, 3.0), (1, math.nan)])
+@pytest.mark.parametrize(("axis", "value"), [(0, 3.0), (1, math.nan), (1, 1e300)])
 def test_a_burst_of_wrong_messages_leaves_the_answers(axis: int, value: float) -> None:
     drawn = drawn_log(0)
-    drive = check(drawn.log).drive
-    clean = intervals(fit(drive))
-    speeds = drive.speeds.copy()
+    clean = intervals(fit(check(drawn.log).drive))
+    speeds = drawn.log.speeds.copy()
     noise = np.random.default_rng(1).normal(0.0, 5.0, 12)
     speeds[500:512, axis] = noise if math.isnan(value) else value * np.abs(speeds[:, axis]).max()
-    found = intervals(fit(dataclasses.replace(drive, speeds=speeds)))
+    found = intervals(fit(check(dataclasses.replace(drawn.log, speeds=speeds)).drive))
     for before, after in zip(clean.estimates, found.estimates, strict=True):
         stays = before.low <= after.value <= before.high
         assert stays or after.low * 0.99 <= drawn.truth[after.name] <= after.high * 1.01, (before, after)
 
 
-@pytest.mark.parametrize("every", [2, 3])
-def test_a_delay_holds_the_truth_though_commands_were_throttled(every: int) -> None:
-    drawn = drawn_log(0)
-    log = dataclasses.replace(
-        drawn.log, command_times=drawn.log.command_times[1::every], commands=drawn.log.commands[1::every]
-    )
-    found = intervals(fit(check(log).drive))
-    for name in ("delay_v", "delay_w", "delay_v + lag_v", "delay_w + lag_w"):
-        assert found[name].low * 0.99 <= drawn.truth[name] <= found[name].high * 1.01, found[name]
+def test_intervals_hold_the_truth_though_commands_were_throttled() -> None:
+    hits: list[bool] = []
+    for seed, every in ((0, 2), (0, 3), (1, 3), (2, 2)):
+        drawn = drawn_log(seed)
+        kept = slice(1, None, every)
+        log = dataclasses.replace(
+            drawn.log, command_times=drawn.log.command_times[kept], commands=drawn.log.commands[kept]
+        )
+        inside = covered(drawn._replace(log=log))
+        assert all(hit for each, hit in inside if each.name.startswith("delay"))
+        hits += [hit for _, hit in inside]
+    assert np.mean(hits) >= 0.85
 
 
 def test_thinned_odometry_is_compared_at_its_own_rate() -> None:
@@ -126,4 +128,4 @@ def test_intervals_hold_nine_tenths_of_what_is_true() -> None:
     assert np.mean([hit for hits in inside for hit in hits]) >= 0.9
     for fault in FAULTS:
         own = [hit for each, hits in zip(logs, inside, strict=True) for hit in hits if each.fault == fault]
-        assert np.mean(own) >= 0.8, fault
+        assert np.mean(own) >= 0.85, fault
