@@ -21,6 +21,11 @@ from wayfield.system.checks import unread
 from wayfield.system.command_line import Choice, Finite, OneLineErrors, command_given, say
 from wayfield.system.storage import write_whole
 
+THROTTLED = (
+    "the log does not hold every command: half of each change is taken half an interval earlier; "
+    "record all commands for narrower intervals"
+)
+
 
 @click.command("identify", cls=OneLineErrors)
 @click.argument("log", nargs=-1, required=True, type=click.Path(path_type=Path))
@@ -69,10 +74,11 @@ def main(
         raise click.UsageError(message) from None
     try:
         checked = check(recorded, cut)
-        for each in checked.warnings:
-            click.echo(f"identify: {each}", err=True)
         half_track = robot.wheels[-1].y if not robot.holonomic else 0.2
         found = intervals(fit(checked.drive, half_track))
+        warnings = (*checked.warnings, *([THROTTLED] if found.throttled else []))
+        for each in warnings:
+            click.echo(f"identify: {each}", err=True)
         source = f"{recorded.name}, SHA-256 {recorded.digest}; {command_given('identify')}"
         sheet, written, kept = identified(robot, found, _name(out, robot), source)
         content = (json.dumps(sheet.sheet, indent=2) + "\n").encode()
@@ -86,13 +92,13 @@ def main(
     for slip in truthful if truth is not None else ():
         say(f"  {slip.name:<17} {slip}")
     for line in kept:
-        say(f"not told  {line}")
+        say(f"unbounded {line}")
     if report is not None:
         from wayfield.bridges.identify.report import Findings, write_report
 
         noise = measure(recorded, found)
         findings = Findings(
-            recorded, found, truthful, noise, rates(recorded), checked.warnings, kept, tested, split, robot.name,
+            recorded, found, truthful, noise, rates(recorded), warnings, kept, tested, split, robot.name,
             command_given("identify"),
         )  # fmt: skip
         for file in write_report(report, findings):

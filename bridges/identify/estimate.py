@@ -191,7 +191,7 @@ class Problem:
         return min((self.solve(x, free, tolerance) for x in starts), key=lambda each: each[1])
 
     def interval(
-        self, best: Floats, cost: float, index: int, count: float, pieces: "Pieces", unsure: float
+        self, best: Floats, cost: float, index: int, count: float, pieces: "Pieces", unsure: float, far: Floats | None
     ) -> tuple[float, float]:
         """Returns the ends of a parameter's interval, in its own unit; -inf and inf where the bounds are inside.
 
@@ -202,6 +202,7 @@ class Problem:
             count: of independent measurements; more than the cost where the noise is taken as more than what is left.
             pieces: the variance over blocks.
             unsure: by how much the parameter may be off by what commands did between their records.
+            far: parameters with this one at its upper bound, if no path of small steps may lead there.
         """
         spare = max(count - cost, 0.0)
         deviation, reach = pieces.spread(np.eye(len(best))[index])
@@ -209,6 +210,10 @@ class Problem:
         ahead = pieces.covariance[:, index] / max(pieces.covariance[index, index], 1e-18)
         limit = reach**2 / count
         ends = [self._end(best, cost, spare, index, side, limit, reach * deviation, ahead) for side in (-1.0, 1.0)]
+        if far is not None:
+            squares = self.solve(far, [j for j in range(len(best)) if j != index], 1e-5, 25)[1]
+            if math.log((squares + spare) / (cost + spare)) <= limit:
+                ends[1] = math.inf
         low, high = (
             best[index] + math.copysign(math.hypot(end - best[index], unsure), side)
             for end, side in zip(ends, (-1.0, 1.0), strict=True)
@@ -543,7 +548,9 @@ def intervals(found: Fit) -> Fit:
             continue
         factor = 2.0 if name == "track" else 1.0
         index = places.index(place)
-        low, high = (factor * end for end in problem.interval(x, cost, index, count, pieces, _size(shifts[:, index])))
+        far = _unlimited(problem, x, place, found) if name.startswith(("speed", "wheel")) else None
+        unsure = _size(shifts[:, index])
+        low, high = (factor * end for end in problem.interval(x, cost, index, count, pieces, unsure, far))
         if place % 5 in (0, 4) and place < 10:
             low = max(low, 0.0)
         if place in (0, 5):
@@ -559,6 +566,18 @@ def intervals(found: Fit) -> Fit:
             label = f"delay_{name[-1]} + lag_{name[-1]}"
             estimates.append(Estimate(label, "s", total, max(total - half, 0.0), total + half + late))
     return dataclasses.replace(found, numbers=numbers, estimates=tuple(estimates))
+
+
+def _unlimited(problem: Problem, x: Floats, place: int, found: Fit) -> Floats:
+    """Returns parameters without a limit, whose gains are so much less that commands just reach it instead."""
+    numbers, places = problem.numbers(x), [group[0] for group in problem.groups]
+    v, w = np.abs(found.drive.commands * numbers[[1, 6]]).T
+    demand = (v, w)[place - 10] if found.saturation == AXES else v + numbers[11] * w
+    far = x.copy()
+    far[places.index(place)] = problem.high[places.index(place)]
+    for gain in (5 * (place - 10) + 1,) if found.saturation == AXES else (1, 6):
+        far[places.index(gain)] += min(math.log(numbers[place] / demand.max()), 0.0)
+    return np.clip(far, problem.low, problem.high)
 
 
 def _size(shifts: Floats) -> float:
