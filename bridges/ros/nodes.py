@@ -702,7 +702,8 @@ class DriverNode:
             return
         mission.goal = goal
         self.driver.began()
-        say(f"goal ({goal.x:.2f}, {goal.y:.2f}, {goal.heading:.2f})")
+        heading = "" if math.isnan(goal.heading) else f", {goal.heading:.2f}"
+        say(f"goal ({goal.x:.2f}, {goal.y:.2f}{heading})")
 
     def _path(self, frame: str, count: int, course: Any) -> None:
         """Drives along a path that has been planned, or says why not."""
