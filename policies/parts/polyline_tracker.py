@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from wayfield.envs.robots.kinematics import integrate_arc, limit_acceleration, to_body_frame
 from wayfield.envs.tasks.briefing import Briefing
-from wayfield.policies.parts.gain import Gains, gain
+from wayfield.policies.parts.gain import gain
 from wayfield.policies.parts.grid_search import (
     any_angle_way,
     pulled,
@@ -18,6 +18,7 @@ from wayfield.policies.parts.grid_search import (
     straight_length,
     traced,
 )
+from wayfield.policies.parts.laws import GoalLaw
 from wayfield.policies.parts.params import params_of
 from wayfield.policies.parts.policy import Policy
 from wayfield.policies.parts.stopping import rest_radius
@@ -60,7 +61,7 @@ PLAN = plan_fields(POINTS)
 
 
 @dataclasses.dataclass(frozen=True)
-class PolylineTracker(Gains, Policy):
+class PolylineTracker(GoalLaw, Policy):
     """Regulated pursuit of a polyline, with room to stop: the gains that planners share. They add reset and act.
 
     With s the projection on the polyline (searched in a window around the last one), c the least clearance of the

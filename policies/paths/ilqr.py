@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from wayfield.envs import path_following
 from wayfield.envs.robots.kinematics import sinc
 from wayfield.envs.tasks.briefing import Briefing
-from wayfield.policies.parts.gain import Gains, gain
+from wayfield.policies.parts.gain import gain
+from wayfield.policies.parts.laws import PathLaw
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.path_smoothing import smoothed
 from wayfield.policies.parts.pose_path import BEHIND, SPACING, locate, on_path
@@ -42,7 +43,7 @@ class Plan(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class Ilqr(Gains):
+class Ilqr(PathLaw):
     """Drives the start of the best plan for the next `horizon` seconds, made better in every control period.
 
     The plan is that of `mpc`: commands and places sigma_k that it aims at on the same curve of poses P(sigma), whose
@@ -95,8 +96,6 @@ class Ilqr(Gains):
     sweeps: int = gain(8, "1", "in a control period, at most", least=1)
     tolerance: float = gain(0.001, "m", "of the sum's fall, under which a sweep is the last", least=0.0)
 
-    knows: ClassVar[str] = "path"
-    observes: ClassVar[tuple[type, ...]] = (path_following.Observation,)
     needs: ClassVar[tuple[str, ...]] = ("turns_on_the_spot",)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:

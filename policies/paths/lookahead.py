@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,8 @@ from wayfield.envs.robots.kinematics import to_body_frame
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.envs.world.paths import along_lap, nearest_ahead, segment_at, vertex
 from wayfield.policies.parts.carrot import leg_that_leaves
-from wayfield.policies.parts.gain import Gains, gain
+from wayfield.policies.parts.gain import gain
+from wayfield.policies.parts.laws import PathLaw
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.path_smoothing import smoothed
 from wayfield.policies.parts.steering import Motion, unicycle_twists
@@ -21,7 +22,7 @@ from wayfield.system.elementary import bearing, sin_cos, wrap_angle
 
 
 @dataclasses.dataclass(frozen=True)
-class Lookahead(Gains):
+class Lookahead(PathLaw):
     """Steers at the path point nearest to a point ahead of the robot; aligns with the path when it is close to it.
 
     With p_LA the point `lookahead_distance` ahead of the robot, (x, y) the path point nearest to p_LA in the body frame
@@ -46,9 +47,6 @@ class Lookahead(Gains):
     search: Literal["whole", "window"] = gain("whole", "", "whole path, as documented, or ahead of the projection")
     window: float = gain(1.5, "m", "searched ahead of the projection when search = 'window'", above=0.0)
     reference_heading: float | None = gain(None, "rad", "yaw of the disc object; None reads the local path tangent")
-
-    knows: ClassVar[str] = "path"
-    observes: ClassVar[tuple[type, ...]] = (path_following.Observation,)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns an empty memory: the law remembers nothing."""

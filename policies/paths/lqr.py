@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 import math
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from wayfield.envs import path_following
 from wayfield.envs.robots.kinematics import to_body_frame
 from wayfield.envs.tasks.briefing import Briefing
-from wayfield.policies.parts.gain import Gains, gain
+from wayfield.policies.parts.gain import gain
+from wayfield.policies.parts.laws import PathLaw
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.path_smoothing import smoothed
 from wayfield.policies.parts.speed_profile import curvature_at, heading_at, limits, reference_at, speed_at
@@ -28,7 +29,7 @@ NEWTON_STEPS = 3  # of the projection on the rounded path
 
 
 @dataclasses.dataclass(frozen=True)
-class Lqr(Gains):
+class Lqr(PathLaw):
     """Linear feedback of the path errors with the optimal gains, feed-forward of the curvature, and a speed profile.
 
     In path coordinates, with e the distance from the path, + left of it, th_e the heading error and kappa the path's
@@ -65,9 +66,6 @@ class Lqr(Gains):
     max_approach: float = gain(
         1.0, "rad", "angle to the path at which a far robot comes back", above=0.0, search=(0.4, 1.5)
     )
-
-    knows: ClassVar[str] = "path"
-    observes: ClassVar[tuple[type, ...]] = (path_following.Observation,)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns the speed commanded last, (b, 1) m/s: the robots are at rest."""

@@ -11,7 +11,8 @@ from wayfield.envs import path_following
 from wayfield.envs.robots.kinematics import limits
 from wayfield.envs.robots.records import aligned, record
 from wayfield.envs.tasks.briefing import Briefing
-from wayfield.policies.parts.gain import Gains, gain
+from wayfield.policies.parts.gain import gain
+from wayfield.policies.parts.laws import PathLaw
 from wayfield.policies.parts.params import PLANT, plant
 from wayfield.policies.parts.path_smoothing import smoothed
 from wayfield.policies.parts.pose_path import BEHIND, SPACING, locate, on_path
@@ -51,7 +52,7 @@ class Program(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class Mpc(Gains):
+class Mpc(PathLaw):
     """Drives the start of the best plan for the next `horizon` steps, planned anew in every control period.
 
     The path is a curve of poses P(sigma) = (position, heading). Where it turns sharper than a circle of radius
@@ -97,8 +98,6 @@ class Mpc(Gains):
     solver_iterations: int = gain(2000, "1", "about 3 microseconds each", least=1, most=1_000_000)
     patience: float = gain(0.5, "s", "without a plan, after which it stops", least=0.0)
 
-    knows: ClassVar[str] = "path"
-    observes: ClassVar[tuple[type, ...]] = (path_following.Observation,)
     needs: ClassVar[tuple[str, ...]] = ("turns_on_the_spot",)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:

@@ -1,7 +1,7 @@
 """Pure pursuit: the arc to a point of the path ahead."""
 
 import dataclasses
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,8 @@ from wayfield.policies.parts.carrot import (
     pursuit_curvature,
     stopping_speed,
 )
-from wayfield.policies.parts.gain import Gains, gain
+from wayfield.policies.parts.gain import gain
+from wayfield.policies.parts.laws import PathLaw
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.path_smoothing import smoothed
 from wayfield.policies.parts.steering import Motion, unicycle_twists
@@ -24,7 +25,7 @@ from wayfield.system.elementary import sin_cos
 
 
 @dataclasses.dataclass(frozen=True)
-class PurePursuit(Gains):
+class PurePursuit(PathLaw):
     """Drives the arc that leaves along the heading and meets the path `lookahead_distance` away, at constant speed.
 
     With (x, y) that point in the body frame, d = hypot(x, y), and s the arc length left to the end of an open path:
@@ -50,9 +51,6 @@ class PurePursuit(Gains):
         1.0, "m/s^2", "towards the end of an open path; no more than the base can", above=0.0, search=(0.3, 1.0)
     )
     window: float = gain(1.5, "m", "arc length searched ahead of the projection", above=0.0)
-
-    knows: ClassVar[str] = "path"
-    observes: ClassVar[tuple[type, ...]] = (path_following.Observation,)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns an empty memory: the law remembers nothing."""

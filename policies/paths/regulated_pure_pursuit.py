@@ -11,7 +11,8 @@ from wayfield.envs import path_following
 from wayfield.envs.robots.kinematics import saturation_factor
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies.parts.carrot import distance_left, place_on_lap, pose_ahead, pursuit_curvature, stopping_speed
-from wayfield.policies.parts.gain import Gains, gain
+from wayfield.policies.parts.gain import gain
+from wayfield.policies.parts.laws import PathLaw
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.path_smoothing import smoothed
 from wayfield.policies.parts.steering import Motion, unicycle_twists, widest_turn
@@ -23,7 +24,7 @@ SAMPLING = 0.05  # m, between the places ahead whose bend limits the speed
 
 
 @dataclasses.dataclass(frozen=True)
-class RegulatedPurePursuit(Gains):
+class RegulatedPurePursuit(PathLaw):
     """Pursues a point of the path ahead, no faster than the path's bends, its end and the base permit.
 
     With v_0, w_0 the last command, L = clip(lookahead_time v_0, min_lookahead, max_lookahead), (x, y) the path point L
@@ -67,8 +68,6 @@ class RegulatedPurePursuit(Gains):
         2.5, "rad/s^2", "of turns on the spot; no more than the base can", above=0.0, search=(0.5, 3.0)
     )
 
-    knows: ClassVar[str] = "path"
-    observes: ClassVar[tuple[type, ...]] = (path_following.Observation,)
     needs: ClassVar[tuple[str, ...]] = ("turns_on_the_spot",)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:

@@ -11,7 +11,8 @@ from wayfield.envs import path_following
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.envs.world.paths import nearest_ahead, segment_at, vertex
 from wayfield.policies.parts.carrot import leg_that_leaves
-from wayfield.policies.parts.gain import Gains, gain
+from wayfield.policies.parts.gain import gain
+from wayfield.policies.parts.laws import PathLaw
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.path_smoothing import smoothed
 from wayfield.policies.parts.steering import Motion, unicycle_twists
@@ -22,7 +23,7 @@ Array = NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True)
-class Stanley(Gains):
+class Stanley(PathLaw):
     """Turns a virtual front wheel along the path and towards it, by an angle that grows with the distance from it.
 
     Stanley (virtual front axle): the wheel lies d = `axle_distance` ahead of the robot's centre and rolls at the speed
@@ -56,8 +57,6 @@ class Stanley(Gains):
     share: float = gain(0.5, "1", "of the yaw acceleration", above=0.0, search=(0.2, 1.0))
     window: float = gain(1.0, "m", "of path that is searched for the wheel, ahead of the projection", above=0.0)
 
-    knows: ClassVar[str] = "path"
-    observes: ClassVar[tuple[type, ...]] = (path_following.Observation,)
     needs: ClassVar[tuple[str, ...]] = ("turns_on_the_spot",)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:

@@ -83,8 +83,6 @@ class AstarTracker(PolylineTracker):
     patience: float = gain(0.5, "s", "before a patrol, until the plan is made anew", least=0.0)
 
     knows: ClassVar[str] = "map"
-    observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
-    needs: ClassVar[tuple[str, ...]] = ("turns_on_the_spot",)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns memory without plans, `memory_of` records (b,): a robot plans when it first acts.

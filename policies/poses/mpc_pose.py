@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,8 @@ from wayfield.envs import goal_reaching
 from wayfield.envs.robots.kinematics import limit_acceleration, limits
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies.parts.arriving import is_there, stay_radius, turn_rate
-from wayfield.policies.parts.gain import Gains, gain
+from wayfield.policies.parts.gain import gain
+from wayfield.policies.parts.laws import GoalLaw
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.polar_coordinates import polar_twist
 from wayfield.policies.parts.quadratic import solution
@@ -39,7 +40,7 @@ class Program(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class MpcPose(Gains):
+class MpcPose(GoalLaw):
     """Drives the start of the best plan for the next `horizon` steps, planned anew in every control period.
 
     In the frame of the pose to be reached, x along its heading, it minimises over the commands (v_k, w_k), with
@@ -88,10 +89,6 @@ class MpcPose(Gains):
     turn_gain: float = gain(2.0, "1/s", "of the turn at the goal", above=0.0)
     yaw_acceleration: float = gain(1.0, "rad/s^2", "of the turn at the goal; no more than the base can", above=0.0)
     max_yaw_rate: float = gain(1.5, "rad/s", "at most", above=0.0)
-
-    knows: ClassVar[str] = "sensors"
-    observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
-    needs: ClassVar[tuple[str, ...]] = ("turns_on_the_spot",)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns each robot's plan, last command and count of failures, (b,); all zero: it stands."""

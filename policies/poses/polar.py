@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from wayfield.envs import goal_reaching
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies.parts.arriving import is_there, stay_radius, turn_rate
-from wayfield.policies.parts.gain import Gains, gain
+from wayfield.policies.parts.gain import gain
+from wayfield.policies.parts.laws import GoalLaw
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.polar_coordinates import polar_twist
 from wayfield.policies.parts.steering import unicycle_twists
@@ -29,7 +30,7 @@ _TURN_BACK = 0.75 * math.pi  # rad, of alpha, beyond which the way is chosen ane
 
 
 @dataclasses.dataclass(frozen=True)
-class Polar(Gains):
+class Polar(GoalLaw):
     """Lets distance and bearings decay together. In polar coordinates about the pose the law is smooth and static.
 
     With rho the distance to the pose, alpha its bearing from the robot and beta the turn from the line of sight to the
@@ -65,10 +66,6 @@ class Polar(Gains):
     turn_gain: float = gain(2.0, "1/s", "of the turn at the goal", above=0.0)
     yaw_acceleration: float = gain(1.0, "rad/s^2", "of the turn at the goal; no more than the base can", above=0.0)
     max_yaw_rate: float = gain(1.5, "rad/s", "at most", above=0.0)
-
-    knows: ClassVar[str] = "sensors"
-    observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
-    needs: ClassVar[tuple[str, ...]] = ("turns_on_the_spot",)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns whether each robot is there and which way it drives, MEMORY records (b,)."""

@@ -12,7 +12,8 @@ from wayfield.envs.tasks.briefing import Briefing
 from wayfield.envs.world.geometry import lengths, nearest_surface
 from wayfield.envs.world.grids import grid_clearance, grid_normal
 from wayfield.envs.world.movers import any_moves, go_on
-from wayfield.policies.parts.gain import Gains, gain
+from wayfield.policies.parts.gain import gain
+from wayfield.policies.parts.laws import GoalLaw
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.steering import Map, velocity_twists
 from wayfield.policies.parts.stopping import REST, arrived, rest_radius
@@ -29,7 +30,7 @@ MEMORY = np.dtype(
 
 
 @dataclasses.dataclass(frozen=True)
-class PotentialField(Gains):
+class PotentialField(GoalLaw):
     """Drives with the sum of an attracting and a repelling force as its velocity.
 
     With x the position, x* the goal, x_o the centres of the obstacles and d their distances:
@@ -60,8 +61,6 @@ class PotentialField(Gains):
     turn_gain: float = gain(2.0, "1/s", "with which a differential drive turns towards the force", above=0.0)
 
     knows: ClassVar[str] = "map"
-    observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
-    needs: ClassVar[tuple[str, ...]] = ("turns_on_the_spot",)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns the side and the steps of each robot, MEMORY records (b,)."""
@@ -101,7 +100,7 @@ class PotentialField(Gains):
 
 
 @dataclasses.dataclass(frozen=True)
-class CorrectedField(Gains):
+class CorrectedField(GoalLaw):
     """A potential field without the faults of the printed one.
 
     With e the vector to the goal, d = |e|, rho the gap between hull and surface of an obstacle and n the direction away
@@ -129,8 +128,6 @@ class CorrectedField(Gains):
     stop_radius: float = gain(0.05, "m", "within which a differential drive turns to the goal heading", least=0.0)
 
     knows: ClassVar[str] = "map"
-    observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
-    needs: ClassVar[tuple[str, ...]] = ("turns_on_the_spot",)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns the side and the steps of each robot, and where it rests, MEMORY records (b,)."""

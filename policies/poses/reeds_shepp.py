@@ -14,7 +14,8 @@ from wayfield.envs.world.grids import grid_clearance
 from wayfield.envs.world.movers import any_moves, motion_at, moves
 from wayfield.envs.world.reeds_shepp import PLAN, is_free, plan_to, pose_along
 from wayfield.policies.parts.arriving import is_there, stay_radius, turn_rate
-from wayfield.policies.parts.gain import Gains, gain
+from wayfield.policies.parts.gain import gain
+from wayfield.policies.parts.laws import GoalLaw
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.steering import Map, unicycle_twists
 from wayfield.system.compiled import allocating, any_layout, assign, compiled, inlined
@@ -52,7 +53,7 @@ _STRIDE = 0.04  # m, between the places at which it looks for what moves
 
 
 @dataclasses.dataclass(frozen=True)
-class ReedsShepp(Gains):
+class ReedsShepp(GoalLaw):
     """Drives along the shortest way to the goal of a car that can only turn on circles of `radius`, either way.
 
     Of the ways that end with a straight piece of -1.5 to 1.5 m it takes the shortest on which the hull has `margin` to
@@ -90,8 +91,6 @@ class ReedsShepp(Gains):
     max_yaw_rate: float = gain(1.2, "rad/s", "at most", above=0.0)
 
     knows: ClassVar[str] = "map"
-    observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
-    needs: ClassVar[tuple[str, ...]] = ("turns_on_the_spot",)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns the plans of each robot, MEMORY records (b,), none yet."""

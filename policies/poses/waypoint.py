@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching
 from wayfield.envs.tasks.briefing import Briefing
-from wayfield.policies.parts.gain import Gains, gain
+from wayfield.policies.parts.gain import gain
+from wayfield.policies.parts.laws import GoalLaw
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.stopping import rest_radius
 from wayfield.system.compiled import compiled
@@ -25,7 +26,7 @@ MEMORY = np.dtype(
 
 
 @dataclasses.dataclass(frozen=True)
-class Waypoint(Gains):
+class Waypoint(GoalLaw):
     """Lets the pose error decay exponentially: x' = lam (x* - x), one waypoint after the other.
 
     The next waypoint is taken once it counts as passed and the error is under `switching_radius` (0.25 m is the
@@ -45,7 +46,6 @@ class Waypoint(Gains):
     final_tolerance: float = gain(0.01, "m", "and rad for the heading, or less where the goal asks for it", least=0.0)
 
     knows: ClassVar[str] = "goal"
-    observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
     needs: ClassVar[tuple[str, ...]] = ("holonomic",)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:

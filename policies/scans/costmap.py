@@ -9,16 +9,16 @@ behaviour tree.
 
 import dataclasses
 import math
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching
 from wayfield.envs.tasks.briefing import Briefing
-from wayfield.policies.parts.gain import Gains, gain
+from wayfield.policies.parts.gain import gain
+from wayfield.policies.parts.laws import ScanLaw
 from wayfield.policies.parts.params import params
-from wayfield.policies.parts.policy import Policy
 from wayfield.policies.parts.polyline_tracker import (
     FARTHEST,
     PLAN,
@@ -76,7 +76,7 @@ class Maps(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class CostmapController(Gains, Policy):
+class CostmapController(ScanLaw):
     """A controller of Nav2: gains that they share, what they see and remember. Each adds its law, in `decide`."""
 
     max_speed: float = gain(0.6, "m/s", "at most", above=0.0)
@@ -90,10 +90,6 @@ class CostmapController(Gains, Policy):
     replan: float = gain(1.0, "s", "between plans", above=0.0)
     time_before_collision: float = gain(1.2, "s", "from which on commands are slowed down; 0 for not at all", least=0.0)
     recall: float = gain(2.0, "s", "for which that knows what is near and out of sight", least=0.0)
-
-    knows: ClassVar[str] = "sensors"
-    observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
-    needs: ClassVar[tuple[str, ...]] = ("turns_on_the_spot",)
 
     @property
     def remembers(self) -> list[Any]:
@@ -112,16 +108,10 @@ class CostmapController(Gains, Policy):
         """
         return remembering(self, briefing, [*STATE, *self.remembers])
 
-    def act(
-        self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]
+    def act_on(
+        self, scan: Scan, observation: goal_reaching.Observation, briefing: Briefing, state: NDArray[Any]
     ) -> NDArray[np.float64]:
-        """Returns the twists (b, t): m/s and rad/s.
-
-        Raises:
-            ValueError: if the scan has another number of beams than the briefing.
-        """
-        scan = Scan.of(self, observation, briefing, memory)
-        state = memory["state"]
+        """Returns the twists (b, t) in m/s and rad/s."""
         self.decide(self.given(briefing), self.maps(briefing), scan, Seen.of(observation, briefing), state)
         return np.asarray(state["command"][:, list(briefing.robot.twist_axes)])
 

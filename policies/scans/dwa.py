@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,8 @@ from wayfield.envs import goal_reaching
 from wayfield.envs.robots.kinematics import integrate_arc, saturation_factor
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies.parts.detour import DETOUR, seek
-from wayfield.policies.parts.gain import Gains, gain
+from wayfield.policies.parts.gain import gain
+from wayfield.policies.parts.laws import ScanLaw
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.stopping import (
     APPROACH,
@@ -48,7 +49,7 @@ STATE = [
 
 
 @dataclasses.dataclass(frozen=True)
-class Dwa(Gains):
+class Dwa(ScanLaw):
     """Drives the arc that heads best for the goal, of those that it can reach soon and stop on before any hit.
 
     The dynamic window holds the twists (v, w) within `window` seconds of acceleration of the last command (all of them
@@ -104,10 +105,6 @@ class Dwa(Gains):
     foresight: float = gain(1.5, "s", "0 takes what moves for standing still", least=0.0)
     retreat: float = gain(0.3, "m/s", "backwards, at most, where something comes nearer", least=0.0)
 
-    knows: ClassVar[str] = "sensors"
-    observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
-    needs: ClassVar[tuple[str, ...]] = ("turns_on_the_spot",)
-
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns what each robot remembers, (b,): a record of STATE and the scans of `remembering`.
 
@@ -119,19 +116,14 @@ class Dwa(Gains):
         memory["state"]["detour"]["waypoints"] = np.nan
         return memory
 
-    def act(
-        self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]
+    def act_on(
+        self, scan: Scan, observation: goal_reaching.Observation, briefing: Briefing, state: NDArray[Any]
     ) -> NDArray[np.float64]:
-        """Returns the twists (b, t) in m/s and rad/s.
-
-        Raises:
-            ValueError: if the scan has another number of beams than the briefing.
-        """
-        scan = Scan.of(self, observation, briefing, memory)
+        """Returns the twists (b, t) in m/s and rad/s."""
         all_round = sees_all_round(briefing)
         p = params(self, briefing, all_round=all_round, sideways=briefing.robot.holonomic and all_round)
-        twists = np.empty((len(memory), 3))
-        choose_twists(p, scan, Seen.of(observation, briefing), memory["state"], twists)
+        twists = np.empty((len(state), 3))
+        choose_twists(p, scan, Seen.of(observation, briefing), state, twists)
         return twists[:, briefing.robot.twist_axes]
 
 

@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,8 @@ from wayfield.envs.robots.kinematics import integrate_arc, limits
 from wayfield.envs.robots.records import lag_factors
 from wayfield.envs.scenarios.ways import reached
 from wayfield.envs.tasks.briefing import Briefing
-from wayfield.policies.parts.gain import Gains, gain
+from wayfield.policies.parts.gain import gain
+from wayfield.policies.parts.laws import GoalLaw
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.policy import check_scan
 from wayfield.policies.parts.stopping import (
@@ -33,7 +34,7 @@ from wayfield.system.elementary import exponential, logarithm, sin_cos, wrap_ang
 
 
 @dataclasses.dataclass(frozen=True)
-class Mppi(Gains):
+class Mppi(GoalLaw):
     """Samples plans around the last one, drives each through the model of motion, and takes their weighted mean.
 
     A plan is a twist for each of `steps` steps of `step_time`. With m the last plan, moved on by a control period, and
@@ -100,10 +101,6 @@ class Mppi(Gains):
     arrival_radius: float = gain(0.07, "m", "from the goal, within which it turns to the heading", least=0.0)
     turn_gain: float = gain(2.0, "1/s", "of the turn to the goal heading", least=0.0)
     seed: int = gain(0, "1", "of the law's own random numbers", most=LAST_SEED)
-
-    knows: ClassVar[str] = "sensors"
-    observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
-    needs: ClassVar[tuple[str, ...]] = ("turns_on_the_spot",)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -1,7 +1,7 @@
 """A planner without a map: it draws its own from the scans, takes what it has not seen for free, and plans in it."""
 
 import dataclasses
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from wayfield.envs import goal_reaching
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies.parts.gain import gain
+from wayfield.policies.parts.laws import ScanLaw
 from wayfield.policies.parts.polyline_tracker import (
     PLAN,
     PolylineTracker,
@@ -64,7 +65,7 @@ RECALL = 1.0  # s, for which they are remembered
 
 
 @dataclasses.dataclass(frozen=True)
-class ScanPlanner(PolylineTracker):
+class ScanPlanner(PolylineTracker, ScanLaw):
     """Maps what its beams hit, plans a way to the goal as if all else were free, drives it, and plans anew when wrong.
 
     The grid, 160 x 160 cells of `cell` (12.8 m square) in the frame of the measured pose, holds for each cell the
@@ -107,10 +108,6 @@ class ScanPlanner(PolylineTracker):
     evade_within: float = gain(0.2, "m", "beside the hull, of what comes nearer by itself", least=0.0)
     evade_time: float = gain(1.0, "s", "until it would be that near", least=0.0)
 
-    knows: ClassVar[str] = "sensors"
-    observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
-    needs: ClassVar[tuple[str, ...]] = ("turns_on_the_spot",)
-
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns an empty map and no plan for each robot, (b,): a record of STATE and the scans of `remembering`.
 
@@ -121,15 +118,10 @@ class ScanPlanner(PolylineTracker):
         memory["state"]["stay"] = self.stay(briefing)
         return memory
 
-    def act(
-        self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]
+    def act_on(
+        self, scan: Scan, observation: goal_reaching.Observation, briefing: Briefing, state: NDArray[Any]
     ) -> NDArray[np.float64]:
-        """Returns the twists (b, t): m/s and rad/s.
-
-        Raises:
-            ValueError: if the scan has another number of beams than the briefing.
-        """
-        scan = Scan.of(self, observation, briefing, memory)
+        """Returns the twists (b, t) in m/s and rad/s."""
         radius = briefing.robot.hull_radius
         prices = np.array(
             [
@@ -150,8 +142,8 @@ class ScanPlanner(PolylineTracker):
             all_round=sees_all_round(briefing),
         )
         table = stamps(self.cell, radius + self.wanted_clearance + 1.5 * self.cell)
-        decide(p, prices, table, scan, Seen.of(observation, briefing), memory["state"])
-        return self.twists(briefing, memory["state"])
+        decide(p, prices, table, scan, Seen.of(observation, briefing), state)
+        return self.twists(briefing, state)
 
     def driven(self, memory: NDArray[Any], commands: NDArray[np.float64]) -> None:
         """Takes the commands (b, 3), as the plant takes them, that were driven in place of those it asked for."""

@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,8 @@ from wayfield.envs import goal_reaching
 from wayfield.envs.robots.kinematics import saturation_factor, to_body_frame
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies.parts.detour import DETOUR, LOOK, seek
-from wayfield.policies.parts.gain import Gains, gain
+from wayfield.policies.parts.gain import gain
+from wayfield.policies.parts.laws import ScanLaw
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.stopping import (
     APPROACH,
@@ -54,7 +55,7 @@ STATE = [
 
 
 @dataclasses.dataclass(frozen=True)
-class VfhPlus(Gains):
+class VfhPlus(ScanLaw):
     """Steers for the cheapest of the directions that no obstacle, grown by the robot's radius, stands in.
 
     1. Primary histogram. A hit at the distance d < window fills the sectors within asin(min(1, r / d)) of its own, r
@@ -114,10 +115,6 @@ class VfhPlus(Gains):
     magnitudes: Literal["largest", "sum"] = gain("largest", "", "what a sector keeps of those of its hits")
     sideways: bool = gain(True, "", "whether an omni base drives in any direction, not as a unicycle")
 
-    knows: ClassVar[str] = "sensors"
-    observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
-    needs: ClassVar[tuple[str, ...]] = ("turns_on_the_spot",)
-
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns what each robot remembers, (b,): a record of STATE and the scans of `remembering`.
 
@@ -130,15 +127,10 @@ class VfhPlus(Gains):
         memory["state"]["detour"]["waypoints"] = np.nan
         return memory
 
-    def act(
-        self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]
+    def act_on(
+        self, scan: Scan, observation: goal_reaching.Observation, briefing: Briefing, state: NDArray[Any]
     ) -> NDArray[np.float64]:
-        """Returns the twists (b, t) in m/s and rad/s.
-
-        Raises:
-            ValueError: if the scan has another number of beams than the briefing.
-        """
-        scan = Scan.of(self, observation, briefing, memory)
+        """Returns the twists (b, t) in m/s and rad/s."""
         all_round = sees_all_round(briefing)
         p = params(
             self,
@@ -147,8 +139,8 @@ class VfhPlus(Gains):
             sideways=self.sideways and briefing.robot.holonomic and all_round,
             summed=self.magnitudes == "sum",
         )
-        twists = np.empty((len(memory), 3))
-        steer(p, scan, Seen.of(observation, briefing), memory["state"], twists)
+        twists = np.empty((len(state), 3))
+        steer(p, scan, Seen.of(observation, briefing), state, twists)
         return twists[:, briefing.robot.twist_axes]
 
 

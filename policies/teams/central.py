@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from wayfield.envs import team_worlds
 from wayfield.envs.scenarios.ways import clearances, grid_over
 from wayfield.envs.tasks.briefing import Briefing
-from wayfield.policies.parts.gain import Gains, gain
+from wayfield.policies.parts.gain import gain
+from wayfield.policies.parts.laws import CrowdLaw
 from wayfield.policies.parts.params import params
 from wayfield.system.compiled import allocating, any_layout, compiled, inlined
 from wayfield.system.elementary import sin_cos
@@ -42,7 +43,7 @@ MEMORY = np.dtype(
 
 
 @dataclasses.dataclass(frozen=True)
-class Central(Gains):
+class Central(CrowdLaw):
     """Plans the ways of all robots of a world once, in space and time, and drives them by one clock.
 
     Prioritized planning: the robots, those with the longest ways first, are planned one by one by A* over (place,
@@ -80,8 +81,6 @@ class Central(Gains):
     ahead: float = gain(0.1, "m", "of the axle, of the point that a differential drive is driven by", above=0.0)
 
     knows: ClassVar[str] = "team_map"
-    observes: ClassVar[tuple[type, ...]] = (team_worlds.Observation,)
-    needs: ClassVar[tuple[str, ...]] = ("turns_on_the_spot",)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns MEMORY records (b,)."""

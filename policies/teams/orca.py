@@ -13,7 +13,8 @@ from wayfield.envs.tasks.briefing import Briefing
 from wayfield.envs.world.geometry import nearest_surface
 from wayfield.envs.world.grids import grid_clearance, grid_normal, grid_place, grid_ray
 from wayfield.envs.world.movers import motion_at, moves
-from wayfield.policies.parts.gain import Gains, gain
+from wayfield.policies.parts.gain import gain
+from wayfield.policies.parts.laws import GoalLaw
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.polyline_tracker import clearance_at, point_at, project
 from wayfield.policies.parts.steering import Map
@@ -30,7 +31,7 @@ ASTRAY = 0.5  # m, off the way, from which on it is planned anew
 
 
 @dataclasses.dataclass(frozen=True)
-class Orca(Gains):
+class Orca(GoalLaw):
     """Drives the velocity nearest to the wanted one that keeps clear of every obstacle for a time ahead.
 
     With p the way to a disc's centre, R the sum of the radii, v_o its velocity, and the velocity obstacle
@@ -97,8 +98,6 @@ class Orca(Gains):
     seed: int = gain(0, "1", "of the law's own random numbers", most=LAST_SEED)
 
     knows: ClassVar[str] = "map"
-    observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
-    needs: ClassVar[tuple[str, ...]] = ("turns_on_the_spot",)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns `memory_of` records (b,): the number of decisions, which tells where things move to, and its way."""

@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from wayfield.envs import team_worlds
 from wayfield.envs.crowds.half_planes import best_velocity, shared_half_plane
 from wayfield.envs.tasks.briefing import Briefing
-from wayfield.policies.parts.gain import Gains, gain
+from wayfield.policies.parts.gain import gain
+from wayfield.policies.parts.laws import CrowdLaw
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.policy import check_scan
 from wayfield.system.compiled import allocating, any_layout, compiled
@@ -40,7 +41,7 @@ MEMORY = np.dtype(
 
 
 @dataclasses.dataclass(frozen=True)
-class OrcaTeam(Gains):
+class OrcaTeam(CrowdLaw):
     """Drives the velocity nearest to the wanted one that keeps clear of tracked bodies and of what the scan meets.
 
     Each tracked body leaves the half-plane of optimal reciprocal collision avoidance, of which the robot takes `share`
@@ -90,10 +91,6 @@ class OrcaTeam(Gains):
     back_off: float = gain(
         0.0, "m", "back, of who gives way to a robot that it is stuck behind; 0: nobody", least=0.0, search=(0.0, 1.0)
     )
-
-    knows: ClassVar[str] = "bodies"
-    observes: ClassVar[tuple[type, ...]] = (team_worlds.Observation,)
-    needs: ClassVar[tuple[str, ...]] = ("turns_on_the_spot",)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns MEMORY records (b,)."""

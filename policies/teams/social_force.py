@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from wayfield.envs import team_worlds
 from wayfield.envs.crowds.people import pushed_2009
 from wayfield.envs.tasks.briefing import Briefing
-from wayfield.policies.parts.gain import Gains, gain
+from wayfield.policies.parts.gain import gain
+from wayfield.policies.parts.laws import CrowdLaw
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.policy import check_scan
 from wayfield.system.compiled import any_layout, compiled
@@ -22,7 +23,7 @@ MEMORY = np.dtype([("vx", np.float64), ("vy", np.float64)], align=True)  # m/s, 
 
 
 @dataclasses.dataclass(frozen=True)
-class SocialForce(Gains):
+class SocialForce(CrowdLaw):
     """Lets a velocity be pushed: to the wanted one, away from tracked bodies and from the nearest thing a beam meets.
 
         dv/dt = (u - v) / tau + sum f(bodies) + wall exp(-d / wall_range) n,   u = max_speed or k |e| towards the goal
@@ -43,10 +44,6 @@ class SocialForce(Gains):
     max_speed: float = gain(0.6, "m/s", "wanted", above=0.0)
     k: float = gain(1.0, "1/s", "speed per metre from the goal", above=0.0, search=(0.5, 4.0))
     ahead: float = gain(0.15, "m", "of the axle, of the point that a differential drive is driven by", above=0.0)
-
-    knows: ClassVar[str] = "bodies"
-    observes: ClassVar[tuple[type, ...]] = (team_worlds.Observation,)
-    needs: ClassVar[tuple[str, ...]] = ("turns_on_the_spot",)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns MEMORY records (b,)."""

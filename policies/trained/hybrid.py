@@ -2,7 +2,7 @@
 
 import dataclasses
 import functools
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from wayfield.envs import goal_reaching
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies.learned.agent import Agent, body_of
-from wayfield.policies.parts.gain import Gains, gain
+from wayfield.policies.parts.gain import gain
+from wayfield.policies.parts.laws import GoalLaw
 from wayfield.policies.parts.polyline_tracker import point_at, project
 from wayfield.policies.parts.tuned import tuned_set
 from wayfield.policies.scans.scan_planner import ScanPlanner
@@ -23,7 +24,7 @@ TASK, SUITE = "goal_reaching", "goal-obstacles"
 
 
 @dataclasses.dataclass(frozen=True)
-class Hybrid(Gains):
+class Hybrid(GoalLaw):
     """Plans as `scan_planner` does and drives as the goal seeker of its seed that ships: each does what it is good at.
 
     In every step the planner enters the scan in its map and plans where it must. In place of the goal the agent gets
@@ -47,10 +48,6 @@ class Hybrid(Gains):
     seed: int = gain(0, "1", "of the agent's training run", most=LAST_SEED)
     speed: float = gain(0.0, "m/s", "the most that it drives; 0: the one that the agent was validated at", least=0.0)
     ahead: float = gain(1.2, "m", "of the point on the plan that the agent drives to", above=0.0)
-
-    knows: ClassVar[str] = "sensors"
-    observes: ClassVar[tuple[type, ...]] = (goal_reaching.Observation,)
-    needs: ClassVar[tuple[str, ...]] = ("turns_on_the_spot",)
 
     def agent(self, briefing: Briefing) -> Agent:
         """Returns the agent that drives.
