@@ -240,12 +240,17 @@ def told_table(standings: Standings) -> Table:
 def family_table(standings: Standings) -> Table:
     """Returns successes, and the cost, of each entry in each family."""
     families = list(dict.fromkeys(each for rows in standings.entries.values() for each in rows.unique("family")))
+    return _table_by(standings, "family", families, "")
+
+
+def _table_by(standings: Standings, column: str, values: Sequence[str], note: str) -> Table:
+    """Returns a table of short cells with a column for each value of a column of the rows."""
     lines = []
     for entry, rows in standings.entries.items():
-        groups = [rows.where(family=family) for family in families]
+        groups = [rows.where(**{column: value}) for value in values]
         lines.append([label(entry), *(short_cell(group, standings.contest) for group in groups)])
-    note = f"{reading(standings.contest)} {standings.source}"
-    return Table(f"{standings.title}: by family", ["policy", *families], lines, note)
+    whole = f"{reading(standings.contest)} {standings.source}{note}"
+    return Table(f"{standings.title}: by {column}", ["policy", *values], lines, whole)
 
 
 def published_table(standings: Standings) -> Table:
@@ -267,12 +272,7 @@ def published_table(standings: Standings) -> Table:
 
 def tier_table(standings: Standings) -> Table:
     """Returns the same by tier."""
-    lines = []
-    for entry, rows in standings.entries.items():
-        groups = [rows.where(tier=tier) for tier in TIERS]
-        lines.append([label(entry), *(short_cell(group, standings.contest) for group in groups)])
-    note = f"{reading(standings.contest)} {standings.source} Tiers go by a geometric quantity of the scenario."
-    return Table(f"{standings.title}: by tier", ["policy", *TIERS], lines, note)
+    return _table_by(standings, "tier", TIERS, " Tiers go by a geometric quantity of the scenario.")
 
 
 def seed_table(standings: Standings, seen: Mapping[Entry, Episodes]) -> Table:

@@ -8,7 +8,7 @@ import numpy as np
 from wayfield.envs import path_following
 from wayfield.envs.robots import Actuators
 from wayfield.envs.tasks.briefing import Briefing
-from wayfield.policies.learned.features import LIMIT, MOST_SEEN, Array, Numbers, check_trails
+from wayfield.policies.learned.features import LIMIT, MOST_SEEN, Array, Numbers, check_trails, unguarded
 from wayfield.policies.parts.gain import Gains, gain
 from wayfield.system.compiled import any_layout, compiled
 from wayfield.system.elementary import area_sine, bearing, sin_cos, wrap_angle
@@ -74,16 +74,7 @@ class PathFeatures(Gains):
         """Returns the twists as they are: a path ends where it ends."""
         return twists
 
-    def guarded(
-        self,
-        observation: path_following.Observation,
-        twists: Array,
-        speed: float,
-        actuators: Actuators,
-        eased: bool = False,
-    ) -> Array:
-        """Returns the twists as they are: nothing stands beside a path."""
-        return twists
+    guarded = unguarded  # nothing stands beside a path
 
 
 @any_layout

@@ -9,9 +9,8 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from wayfield.envs import goal_reaching
-from wayfield.envs.robots import Actuators
 from wayfield.envs.tasks.briefing import Briefing
-from wayfield.policies.learned.features import LIMIT, Array, Numbers
+from wayfield.policies.learned.features import LIMIT, Array, Numbers, unguarded
 from wayfield.policies.learned.features_goal import FULL, LEAST_BEAMS, GoalFeatures
 from wayfield.policies.parts.gain import gain
 from wayfield.policies.parts.shield import LEAST_VIEW
@@ -88,16 +87,7 @@ class SheetFeatures(GoalFeatures):
             }
         )
 
-    def guarded(
-        self,
-        observation: goal_reaching.Observation,
-        twists: Array,
-        speed: float,
-        actuators: Actuators,
-        eased: bool = False,
-    ) -> Array:
-        """Returns the twists as they are: the shield is behind them, on every robot."""
-        return twists
+    guarded = unguarded  # the shield is behind them, on every robot
 
 
 @dataclasses.dataclass(frozen=True)

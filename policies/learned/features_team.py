@@ -8,9 +8,8 @@ import numpy as np
 
 from wayfield.envs import team_worlds
 from wayfield.envs.crowds.bodies import NEAREST
-from wayfield.envs.robots import Actuators
 from wayfield.envs.tasks.briefing import Briefing
-from wayfield.policies.learned.features import LIMIT, Array, Numbers
+from wayfield.policies.learned.features import LIMIT, Array, Numbers, unguarded
 from wayfield.policies.learned.features_goal import GoalFeatures
 from wayfield.policies.parts.gain import gain
 from wayfield.system.compiled import any_layout, compiled
@@ -57,16 +56,7 @@ class TeamFeatures(GoalFeatures):
         fill_bodies(observation.bodies, angles, scales, self.bodies, fronted, out[:, at:])
         return angles
 
-    def guarded(
-        self,
-        observation: team_worlds.Observation,  # type: ignore[override]
-        twists: Array,
-        speed: float,
-        actuators: Actuators,
-        eased: bool = False,
-    ) -> Array:
-        """Returns the twists as they are."""
-        return twists
+    guarded = unguarded  # what guards is behind them
 
 
 @any_layout

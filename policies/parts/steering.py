@@ -56,6 +56,20 @@ def widest_turn(plant, v):
     return max(most, 0.0)
 
 
+@inlined
+def driven_by_point(p, vx, vy):
+    """Returns what a velocity (m/s, body frame) of the point `ahead` of the axle is driven by: speed and yaw rate.
+
+    Feedback linearisation; the speed falls with a yaw rate above `max_yaw_rate`. With `ahead` 0, of an omni base, it is
+    the velocity itself.
+    """
+    if p.ahead == 0.0:
+        return vx, vy
+    yaw_rate = vy / p.ahead
+    factor = min(1.0, p.max_yaw_rate / max(abs(yaw_rate), 1e-12))
+    return factor * vx, factor * yaw_rate
+
+
 def unicycle_twists(robot: Robot, speed: Array, yaw_rate: Array) -> Array:
     """Returns the twists (b, t) of a law that drives forward and turns; an omni base is driven the same way.
 

@@ -16,7 +16,7 @@ from wayfield.policies.parts.laws import PathLaw
 from wayfield.policies.parts.params import PLANT, plant
 from wayfield.policies.parts.path_smoothing import smoothed
 from wayfield.policies.parts.pose_path import BEHIND, SPACING, locate, on_path
-from wayfield.policies.parts.quadratic import solution
+from wayfield.policies.parts.quadratic import solution, solver_of
 from wayfield.policies.parts.shooting import Slopes, drive_on
 from wayfield.policies.parts.steering import Motion, unicycle_twists
 from wayfield.system.compiled import allocating, any_layout, compiled, inlined
@@ -221,7 +221,6 @@ class QuadraticProgram:
             units: of the bounds of each kind of row.
         """
         # here, so that a look at the policies does not wait for SciPy
-        import osqp
         import scipy.sparse
 
         n = horizon
@@ -250,22 +249,8 @@ class QuadraticProgram:
             upper=np.zeros(constraints.shape[0]),
         )
         self.multipliers = np.zeros(constraints.shape[0])
-        self._solver = osqp.OSQP()
-        self._solver.setup(
-            scipy.sparse.csc_matrix(pattern + 3 * n * np.eye(3 * n)),
-            self.arrays.gradient,
-            constraints,
-            self.arrays.lower,
-            self.arrays.upper,
-            verbose=False,
-            scaling=0,
-            adaptive_rho=False,
-            rho=0.1,
-            eps_abs=1e-4,
-            eps_rel=1e-4,
-            max_iter=solver_iterations,
-            check_termination=10,
-        )
+        bounds = self.arrays.lower, self.arrays.upper
+        self._solver = solver_of(pattern, self.arrays.gradient, constraints, bounds, solver_iterations)
 
     def solve(self, slope: float, multipliers: Array) -> bool:
         """Puts the solution into `arrays.plan` and `multipliers`, started from them; False if none.

@@ -15,7 +15,7 @@ from wayfield.policies.parts.gain import gain
 from wayfield.policies.parts.laws import GoalLaw
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.polar_coordinates import polar_twist
-from wayfield.policies.parts.quadratic import solution
+from wayfield.policies.parts.quadratic import solution, solver_of
 from wayfield.policies.parts.shooting import Slopes, drive_on, lagged_period
 from wayfield.policies.parts.steering import unicycle_twists
 from wayfield.system.compiled import allocating, any_layout, assign, compiled, inlined
@@ -157,7 +157,6 @@ class PoseProgram:
     def __init__(self, horizon: int, wheels: tuple[tuple[float, ...], ...], speed: float, iterations: int) -> None:
         """Sets the program up; wheels: by v (rad/m) and by w, for each wheel."""
         # here, so that a look at the policies does not wait for SciPy
-        import osqp
         import scipy.sparse
 
         n = horizon
@@ -175,22 +174,8 @@ class PoseProgram:
         self.arrays = Program(np.zeros((2 * n, 2 * n)), np.zeros(2 * n), np.zeros(size), np.zeros(size))
         self._none = np.zeros(2 * n), np.zeros(size)
         self._speed = speed
-        self._solver = osqp.OSQP()
-        self._solver.setup(
-            scipy.sparse.csc_matrix(pattern + 2 * n * np.eye(2 * n)),
-            self.arrays.gradient,
-            constraints,
-            self.arrays.lower,
-            self.arrays.upper,
-            verbose=False,
-            scaling=0,
-            adaptive_rho=False,
-            rho=0.1,
-            eps_abs=1e-4,
-            eps_rel=1e-4,
-            max_iter=iterations,
-            check_termination=10,
-        )
+        bounds = self.arrays.lower, self.arrays.upper
+        self._solver = solver_of(pattern, self.arrays.gradient, constraints, bounds, iterations)
 
     def solve(self, slope: float) -> Array | None:
         """Returns the change (2 n,) of the plan; None if the program is not solved.

@@ -14,6 +14,7 @@ from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies.parts.gain import gain
 from wayfield.policies.parts.laws import CrowdLaw
 from wayfield.policies.parts.params import params
+from wayfield.policies.parts.steering import driven_by_point
 from wayfield.system.compiled import allocating, any_layout, compiled, inlined
 from wayfield.system.elementary import sin_cos
 
@@ -167,14 +168,7 @@ def follow(params, poses, there, memory, team, out):
             forward = factor * (cosine * ux + sine * uy)
             left = factor * (cosine * uy - sine * ux)
             m.time += rate * p.plant.dt
-            if ahead == 0.0:
-                out[i, 0] = forward
-                out[i, 1] = left
-            else:
-                yaw_rate = left / ahead
-                factor = min(1.0, p.max_yaw_rate / max(abs(yaw_rate), 1e-12))
-                out[i, 0] = factor * forward
-                out[i, 1] = factor * yaw_rate
+            out[i, 0], out[i, 1] = driven_by_point(p, forward, left)
 
 
 @inlined

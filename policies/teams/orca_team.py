@@ -14,6 +14,7 @@ from wayfield.policies.parts.gain import gain
 from wayfield.policies.parts.laws import CrowdLaw
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.policy import check_scan
+from wayfield.policies.parts.steering import driven_by_point
 from wayfield.system.compiled import allocating, any_layout, compiled
 from wayfield.system.elementary import sin_cos
 
@@ -225,18 +226,10 @@ def avoid(params, measured, bodies, ranges, beams, wanted, out):
     p = params[0]
     lines = np.empty((bodies.shape[1] + ranges.shape[1], 3))
     scratch = np.empty(lines.shape)
-    ahead = p.ahead
     for i in range(measured.shape[0]):
         total, hard = fill_lines(p, measured, bodies, ranges, beams, i, lines)
         ux, uy = best_velocity(lines, total, hard, p.max_speed, wanted[i, 0], wanted[i, 1], scratch)
-        if ahead == 0.0:
-            out[i, 0] = ux
-            out[i, 1] = uy
-        else:
-            yaw_rate = uy / ahead
-            factor = min(1.0, p.max_yaw_rate / max(abs(yaw_rate), 1e-12))
-            out[i, 0] = factor * ux
-            out[i, 1] = factor * yaw_rate
+        out[i, 0], out[i, 1] = driven_by_point(p, ux, uy)
 
 
 @compiled

@@ -14,6 +14,7 @@ from wayfield.policies.parts.gain import gain
 from wayfield.policies.parts.laws import CrowdLaw
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.policy import check_scan
+from wayfield.policies.parts.steering import driven_by_point
 from wayfield.system.compiled import any_layout, compiled
 from wayfield.system.elementary import exponential, sin_cos
 
@@ -122,11 +123,4 @@ def push(params, poses, goals, bodies, ranges, beams, memory, out):
         vy *= factor
         m.vx = cosine * vx - sine * vy
         m.vy = sine * vx + cosine * vy
-        if ahead == 0.0:
-            out[i, 0] = vx
-            out[i, 1] = vy
-        else:
-            yaw_rate = vy / ahead
-            factor = min(1.0, p.max_yaw_rate / max(abs(yaw_rate), 1e-12))
-            out[i, 0] = factor * vx
-            out[i, 1] = factor * yaw_rate
+        out[i, 0], out[i, 1] = driven_by_point(p, vx, vy)

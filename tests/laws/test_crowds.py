@@ -416,6 +416,21 @@ def test_of_two_who_meet_in_a_door_one_gives_way_whoever_is_counted_first(angle:
         np.testing.assert_allclose(steps[gains, 1], steps[gains, -1], atol=1e-9)
 
 
+def all_arrive(env: Any, options: dict[str, Any]) -> None:
+    """Drives by orca_team until all robots are there, and none has touched another."""
+    pilot = Pilot(policies.make("orca_team"), env)
+    seen, _ = env.reset(seed=0, options=options)
+    pilot.reset()
+    arrived = np.zeros(env.num_envs, np.bool_)
+    for _ in range(2400):
+        seen, _, terminated, _, info = env.step(pilot.act(seen))
+        assert not info["collision"].any()
+        arrived |= terminated & info["success"]
+        if arrived.all():
+            return
+    raise AssertionError(f"{int(arrived.sum())} of {len(arrived)} arrived")
+
+
 def test_orca_team_turns_all_circles_and_lets_nobody_touch() -> None:
     for env_id, n in (
         ("wayfield/DiffDriveTeam-v0", 4),
@@ -424,17 +439,7 @@ def test_orca_team_turns_all_circles_and_lets_nobody_touch() -> None:
     ):
         scenario = f"circle_exact_{n}"
         env: Any = gymnasium.make_vec(env_id, num_envs=3 * n, scenario=scenario, sees="bodies", max_episode_steps=2400)
-        pilot = Pilot(policies.make("orca_team"), env)
-        seen, _ = env.reset(seed=0, options={"scenario": np.repeat(np.arange(3), n)})
-        pilot.reset()
-        arrived = np.zeros(3 * n, np.bool_)
-        for _ in range(2400):
-            seen, _, terminated, _, info = env.step(pilot.act(seen))
-            assert not info["collision"].any()
-            arrived |= terminated & info["success"]
-            if arrived.all():
-                break
-        assert arrived.all()
+        all_arrive(env, {"scenario": np.repeat(np.arange(3), n)})
 
 
 @pytest.mark.parametrize(
@@ -448,17 +453,7 @@ def test_orca_team_turns_a_circle_that_is_exact_to_the_last_digit_too(n: int, di
     env: Any = gymnasium.make_vec(
         "wayfield/DiffDriveTeam-v0", num_envs=n, scenario=(scenario,), sees="bodies", max_episode_steps=2400
     )
-    pilot = Pilot(policies.make("orca_team"), env)
-    seen, _ = env.reset(seed=0)
-    pilot.reset()
-    arrived = np.zeros(n, np.bool_)
-    for _ in range(2400):
-        seen, _, terminated, _, info = env.step(pilot.act(seen))
-        assert not info["collision"].any()
-        arrived |= terminated & info["success"]
-        if arrived.all():
-            break
-    assert arrived.all()
+    all_arrive(env, {})
 
 
 def test_who_has_no_access_to_bodies_is_not_shown_them() -> None:
