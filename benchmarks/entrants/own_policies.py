@@ -263,7 +263,6 @@ def imported(name: str) -> ModuleType:
     The folder comes first while the module is imported and last from then on, so that files of the user's own take the
     place of no others that are loaded later.
     """
-    _listen()
     if name in sys.modules:
         return sys.modules[name]
     here = os.getcwd()
@@ -286,22 +285,15 @@ def sources() -> dict[str, str]:
     """Returns the modules of the user's own that this process has loaded, with the SHA-256s of their files.
 
     They are all modules but those of Python, of installed packages and of wayfield, whoever imported them: a policy's
-    own, its helpers, and what it imported while it acted. Files that were run without becoming a module have their path
-    for a name. A file's digest is that of when it was first seen here.
+    own, its helpers, and what it imported while it acted. A file's digest is that of when it was first seen here.
     """
-    found, files = {}, set()
+    found = {}
     for name, module in sorted(sys.modules.items()):
         known = getattr(module, "__wayfield_digest__", "")
         if known and isinstance(known, str):  # sent from another machine; torch.classes has an attribute of any name
             found[name] = known
         elif (file := _own_file(name)) is not None:
             found[name] = _SEEN.setdefault(str(file), file_digest(file))
-            files.add(str(file))
-    for origin in sorted(_RUN):
-        if (file := _outside(origin)) is None or str(file) in files:
-            _RUN.discard(origin)  # a module speaks for it, for as long as it is loaded
-        else:
-            found[str(file)] = _SEEN.setdefault(str(file), file_digest(file))
     return found
 
 
@@ -317,28 +309,14 @@ def changed_source(loaded: Mapping[str, str]) -> str:
 
 
 _SEEN: dict[str, str] = {}  # SHA-256 of a file of the user's own, by its path
-_RUN: set[str] = set()  # files whose code was run by a loader or `exec`, modules or not
 _INSTALLED = (
     *(sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib", "scripts")),
     os.path.dirname(wayfield.__file__),
 )
 
 
-@functools.cache
-def _listen() -> None:
-    """Notes from now on which files' code is run: `importlib` can run a file that `sys.modules` never names."""
-
-    def heard(event: str, arguments: tuple[Any, ...]) -> None:
-        if event == "exec":
-            _RUN.add(str(getattr(arguments[0], "co_filename", "")))
-
-    sys.addaudithook(heard)
-
-
 def _own_file(name: str) -> Path | None:
-    """Returns the file of a module of the user's own, or of a path; None of others, and where there is none."""
-    if os.path.isabs(name):
-        return _outside(name)
+    """Returns the file of a module of the user's own; None of others, and where there is none."""
     if name.partition(".")[0] in ("wayfield", "__main__", "__mp_main__"):
         return None
     if name in sys.modules:

@@ -38,14 +38,6 @@ KINDS = {
         {"mine.py": LAW.format(at_import="", in_act="from pace import SPEED")},
         "pace.py",
     ),
-    "a file that is run by its path": (
-        "mine",
-        {
-            "mine.py": LAW.format(at_import="from by_path import SPEED", in_act=""),
-            "by_path.py": "import runpy\n\nSPEED = runpy.run_path('pace.py')['SPEED']",
-        },
-        "pace.py",
-    ),
     "a package": (
         "kit.laws",
         {
