@@ -135,7 +135,7 @@ ABOUT: dict[str, Listed] = {
         "the same around what the scan shows",
         "Reeds and Shepp 1990",
         (DOCKS,),
-        protected="its plan, made anew where the scan shows something on it; stands where none is free",
+        protected="its plan, made anew where something is on it; waits for what moves; stands where none is free",
     ),
     "waypoint": Listed(
         Waypoint, "exponential decay of the pose error, waypoint after waypoint", "document B", (DOCKS,)

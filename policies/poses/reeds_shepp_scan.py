@@ -25,6 +25,7 @@ from wayfield.policies.parts.stopping import (
     remembering,
     sees_all_round,
 )
+from wayfield.policies.parts.tracking import LAID, TRACKS, follow, lay_movers
 from wayfield.policies.poses.reeds_shepp import (
     FIELDS,
     GRAIN,
@@ -32,6 +33,7 @@ from wayfield.policies.poses.reeds_shepp import (
     STRAY,
     ReedsShepp,
     advance,
+    goes_on,
     make_plan,
     note_arrival,
     tracked,
@@ -42,7 +44,9 @@ from wayfield.system.elementary import sin_cos
 STATE = [
     ("target", np.float64, (2,)),  # the goal, m, world frame
     ("waits", np.float64),  # 1: for a way that is free
+    ("waited", np.float64),  # s, for what moves
     *SIGHTS,
+    *TRACKS,
     *FIELDS,  # last: a record that began with them would be taken for one of `ReedsShepp`, with a warning
 ]
 
@@ -60,11 +64,16 @@ class ReedsSheppScan(ReedsShepp):
     to what is shown than `spare` beside the hull, or than the goal where that leaves less, and where the goal moves by
     0.15 m. While there is no free way the robot stands, and tries again every quarter of a second.
 
+    What the scans show to move (`parts.tracking`) is no obstacle to the plan. The robot sets off, stops and drives on
+    beside it as `ReedsShepp` does beside what it is told of: it gives way where it is, and comes when the way will be
+    left free. Until a disc was seen to turn at both ends of its lane, it may turn at any time; the robot sets off where
+    that leaves it its way as well, or once it has waited for `patience`: then the disc is taken to go on.
+
     It reaches poses beside and behind the robot, from which the agents for docks were not trained to begin, docks with
-    gaps of two centimetres, at which those stand still and which laws that see nothing run into, and past what moves
-    does no worse than they. Limits: it does not evade; what is hidden is taken for free until it is seen, and few beams
-    see late; of what moves it knows where it heads now, and no map says when it turns back. Waypoints are driven to as
-    poses.
+    gaps of two centimetres, at which those stand still and which laws that see nothing run into, and poses beyond a
+    disc that goes to and fro. Limits: it waits and does not step aside: what comes to where it stands runs into it;
+    that something moves shows within a second or two of sight, by three beams or more on it, 5 degrees apart or less;
+    what is hidden is taken for free until it is seen. Waypoints are driven to as poses.
 
     Source: Reeds and Shepp, Optimal Paths for a Car That Goes Both Forwards and Backwards, Pacific J. Math. 145(2),
     1990. The map of the scan is ours.
@@ -73,6 +82,7 @@ class ReedsSheppScan(ReedsShepp):
     lookahead: float = gain(1.5, "m", "of the way, that is looked at in every control period", above=0.0)
     foresight: float = gain(2.0, "s", "for which what comes nearer is put forward", least=0.0)
     spare: float = gain(0.01, "m", "beside the hull, that a way is given up for", least=0.0)
+    patience: float = gain(20.0, "s", "for what moves, until it is taken to go on as it does", least=0.0)
 
     knows: ClassVar[str] = "sensors"
 
@@ -105,24 +115,35 @@ class ReedsSheppScan(ReedsShepp):
             closed=sees_all_round(briefing),
         )
         count, state = len(observation.pose), memory["state"]
-        shown, counts = np.zeros((count, 2 * observation.ranges.shape[1]), OBSTACLE), np.zeros(count, np.int64)
-        lay_hits(p, scan, Seen.of(observation, briefing), state, shown, counts)
+        shown = np.zeros((count, 2 * observation.ranges.shape[1] + LAID), OBSTACLE)
+        counts, standing = np.zeros((2, count), np.int64)
+        seen, still = Seen.of(observation, briefing), scan._replace(ranges=scan.ranges.copy())
+        lay_hits(p, scan, still, seen, state, shown, counts, standing)
         goals = np.zeros((count, 1, 2)), np.ones(count, np.int64)
         told = Map(shown, counts, *goals, np.repeat(NO_GRIDS.frames[:1], count), NO_GRIDS.cells)
         twists = np.empty((count, 2))
-        drive(p, told, observation.pose, observation.goal, observation.goal_heading_error, state, twists)
+        drive(p, told, standing, observation.pose, observation.goal, observation.goal_heading_error, state, twists)
         return unicycle_twists(briefing.robot, twists[:, 0], twists[:, 1])
 
 
 @any_layout
 @allocating
-def lay_hits(params, scan, seen, memory, shown, counts):
-    """Fills the OBSTACLE records (b, 2 beams) of what the scans show and of where it will be, and their number (b,)."""
+def lay_hits(params, whole, scan, seen, memory, shown, counts, standing):
+    """Fills the OBSTACLE records of what the scans show and of where it will be, and their number (b,).
+
+    What stands comes first, and of it there are `standing` (b,).
+
+    Args:
+        whole: the scans.
+        scan: a copy, that loses what moves.
+        shown: (b, 2 beams + LAID).
+    """
     p = params[0]
     beams = scan.ranges.shape[1]
     farthest = (1.0 - 1e-6) * scan.reach
     ahead = np.empty((beams, 3))
     for i in range(counts.shape[0]):
+        follow(p, whole, seen, memory[i], i, scan.ranges)
         sine, cosine = sin_cos(seen.poses[i, 2])
         count = 0
         for j in range(beams):
@@ -152,12 +173,14 @@ def lay_hits(params, scan, seen, memory, shown, counts):
             each.x = seen.poses[i, 0] + cosine * ahead[j, 0] - sine * ahead[j, 1]
             each.y = seen.poses[i, 1] + sine * ahead[j, 0] + cosine * ahead[j, 1]
             count += 1
-        counts[i] = count
+        standing[i] = count
+        m = memory[i]
+        counts[i] = lay_movers(m, m.steps * p.plant.dt, m.off == 0.0 and m.waited < p.patience, shown, i, count)
 
 
 @any_layout
 @compiled
-def drive(params, told, poses, goals, turns, memory, twists):
+def drive(params, told, standing, poses, goals, turns, memory, twists):
     """Fills the (b, 2) speeds and yaw rates of `ReedsSheppScan.act` and keeps the memory up to date."""
     p = params[0]
     for i in range(poses.shape[0]):
@@ -171,8 +194,10 @@ def drive(params, told, poses, goals, turns, memory, twists):
             m.radius = 0.0
             m.arrived = 0.0
             m.waits = 0.0
+            m.waited = 0.0
             m.target[0] = x
             m.target[1] = y
+        now = m.steps * p.plant.dt
         m.steps += 1.0
         ended = m.radius > 0.0 and m.length - m.along < GRAIN
         note_arrival(p, m, gx, gy)
@@ -181,7 +206,8 @@ def drive(params, told, poses, goals, turns, memory, twists):
             twists[i, 1] = turn_rate(p, turns[i])
             continue
         twists[i, 1] = 0.0
-        if m.radius == 0.0 or ended or not advance(m, poses, i) or is_taken(p, told, m, i, poses[i, 0], poses[i, 1]):
+        lost = m.radius == 0.0 or ended or not advance(m, poses, i)
+        if lost or is_taken(p, told.obstacles, standing[i], m, i, poses):
             if m.waits == 1.0 and m.steps % p.pause_steps != 0.0:
                 continue
             without = m.no_path
@@ -190,25 +216,27 @@ def drive(params, told, poses, goals, turns, memory, twists):
             if m.waits == 1.0:
                 m.radius = 0.0
                 continue
-        m.settling = p.settling
+        if not goes_on(p, told, m, i, now, poses):
+            m.waited += p.plant.dt
+            continue
         twists[i, 0], twists[i, 1] = tracked(p, poses, m, i)
 
 
 @inlined
-def is_taken(p, told, m, i, x, y):
-    """Returns whether the next `lookahead` of its way takes robot i, at (x, y), too near to what is shown.
+def is_taken(p, shown, standing, m, i, poses):
+    """Returns whether the next `lookahead` of its way takes robot i too near to what is shown, the first `standing`.
 
     That is nearer than `spare` beside the hull, or than the goal leaves, and nearer than the robot is now: it may stay
     or go away.
     """
-    now = row_clearance(told.obstacles, i, told.counts[i], x, y)
-    there = row_clearance(told.obstacles, i, told.counts[i], m.target[0], m.target[1])
+    now = row_clearance(shown, i, standing, poses[i, 0], poses[i, 1])
+    there = row_clearance(shown, i, standing, m.target[0], m.target[1])
     needed = min(p.plant.hull_radius + p.spare, there - _CUT, now - _CUT)
     s = m.along
     last = min(s + p.lookahead, m.length)
     while s < last:
         px, py, _ = pose_along(m.plan, m.radius, m.start, s)
-        if row_clearance(told.obstacles, i, told.counts[i], px, py) < needed:
+        if row_clearance(shown, i, standing, px, py) < needed:
             return True
         s += _PLACES
     return False

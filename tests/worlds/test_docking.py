@@ -25,6 +25,7 @@ from wayfield.envs.scenarios.docking_families import FARTHEST_START, DockingScen
 from wayfield.envs.scenarios.obstacles import obstacle_field, wall
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.envs.world.geometry import clearance
+from wayfield.envs.world.movers import motion_at, turns
 from wayfield.envs.world.reeds_shepp import MOST_PIECES, pose_along, shortest_word
 from wayfield.policies.learned.perception import DockFeatures
 from wayfield.policies.parts.arriving import is_there
@@ -497,6 +498,51 @@ def test_by_the_scan_it_docks_from_anywhere_and_where_laws_that_see_nothing_touc
     seen = reached("reeds_shepp_scan", robot, family, "lagged", 60, monkeypatch, 72).mean()
     blind = reached("polar", robot, family, "lagged", 60, monkeypatch).mean()
     assert seen == 1.0 if family in ("open", "behind") else seen > blind
+
+
+@pytest.mark.parametrize(
+    ("robot", "actuators", "least", "most"), [("p3dx", "lagged", 0.92, 0.06), ("omni3", "slow", 0.8, 0.15)]
+)
+def test_by_the_scan_it_waits_for_what_moves(
+    robot: str, actuators: str, least: float, most: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hull = ROBOTS[robot].hull_radius
+    bank = tuple(FAMILIES["docking"]["moving"].make(5_000_000 + k).fitted(0.3 - hull) for k in range(100))
+    won, touched = docked("reeds_shepp_scan", robot, actuators, bank, monkeypatch, 72)
+    assert won.mean() >= least
+    assert touched.mean() <= most
+
+
+@pytest.mark.parametrize("family", ["wall", "berth", "moving"])
+def test_what_moves_is_told_from_what_stands_and_its_lane_is_found(
+    family: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nothing that stands ever counts as moving; a disc is followed within 0.1 m, and turns where it was seen to."""
+    bank = tuple(FAMILIES["docking"][family].make(5_000_000 + k).fitted(0.05) for k in range(60))
+    monkeypatch.setattr(goal_reaching, "field_scenarios", lambda *_: bank)
+    env: Any = gymnasium.make_vec(
+        DIFF_ID, len(bank), vectorization_mode="vector_entry_point", actuators="lagged", num_beams=72, max_range=5.0
+    )
+    seen, _ = env.reset(seed=0, options={"scenario": list(range(len(bank)))})
+    pilot = Pilot(policies.make("reeds_shepp_scan"), env)
+    pilot.reset()
+    done = np.zeros(len(bank), np.bool_)
+    found = set()
+    for step in range(400):
+        actions = pilot.act(seen)
+        tracks = pilot.memory["state"]["tracks"]
+        for i, k in np.argwhere((tracks["moves"] == 1.0) & (tracks["radius"] > 0.0) & ~done[:, None]):
+            assert family == "moving"
+            track, disc = tracks[i, k], bank[i].obstacles[0]
+            found.add(i)
+            if track["unseen"] == 0.0:
+                assert math.dist(track["place"], motion_at(disc, 0.05 * step)[:2]) < 0.1
+            if track["turns"] > 1.0:
+                ends = np.sort(turns(bank[i].obstacles)[0], axis=0)
+                assert np.abs(np.sort(track["ends"], axis=0) - ends).max() < 0.1
+        seen, _, terminated, truncated, _ = env.step(actions)
+        done |= terminated | truncated
+    assert len(found) == (len(bank) if family == "moving" else 0)
 
 
 @pytest.mark.parametrize("family", ["wall", "berth"])
