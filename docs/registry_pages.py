@@ -285,4 +285,6 @@ def _linked(app: Sphinx, page: str, source: list[str]) -> None:
     text = source[0]
     for name, there in ROOT_PAGES.items():
         text = re.sub(rf"\]\((?:\.\./)+{re.escape(name)}", f"]({up}{FOLDER}/{there}", text)
+    if page == "results":  # the sidebar has one entry for all of them
+        text += "\n```{toctree}\n:hidden:\n:glob:\n\nresults/*\n```\n"
     source[0] = text.replace("](results/)", "](results/README.md)")

@@ -83,7 +83,7 @@ def test_a_column_of_no_list_holds_numbers_where_all_of_it_are() -> None:
 
 
 def test_the_documents_name_every_column() -> None:
-    table = (Path(__file__).parents[2] / "docs" / "evaluate.md").read_text(encoding="utf-8")
+    table = (Path(__file__).parents[2] / "docs" / "columns.md").read_text(encoding="utf-8")
     own = [column for contest in CONTESTS.values() for column in contest.metrics]
     for column in (*COLUMNS.values(), ARRIVALS, *own):
         assert f"| {column.name} | {column.unit} | {column.meaning} |\n" in table
