@@ -36,7 +36,6 @@ from wayfield.bridges.identify.response import (
     WHEELS,
     Drive,
     Floats,
-    axis_response,
     pair_response,
 )
 from wayfield.bridges.identify.sampling import earlier, lateness, throttled, traced
@@ -321,41 +320,24 @@ class Pieces:
         return math.sqrt(variance), quantile * math.sqrt(max(1.0, over / variance))
 
 
-def axis_problem(drive: Drive, axis: int) -> Problem:
-    """Returns the least squares of one axis that saturates by itself and slows down as it speeds up."""
-    counted = drive.counted
-    asked = max(float(np.abs(drive.commands[:, axis]).max()), 1e-6)
-
-    def respond(numbers: Floats) -> tuple[Floats, Floats]:
-        v, slopes = axis_response(drive, axis, numbers)
-        return v[counted], slopes[counted]
-
-    scales = [(0.2, 5.0), (0.02 * asked, 4.0 * asked), (0.05 * asked, 200.0 * asked), LAGS]
-    ends = np.log(np.array(scales)).T
-    measured = drive.speeds[counted, axis]
-    low, high = np.concatenate([[0.0], ends[0]]), np.concatenate([[LONGEST_DELAY], ends[1]])
-    linear = np.arange(len(low)) == 0
-    groups = [(0,), (1,), (2,), (3, 4), (5,)]
-    weights = np.full(len(measured), 1.0 / (ROUGH * asked))
-    return Problem(respond, measured, weights, groups, low, high, np.empty(6), linear)
-
-
 def fit_axis(drive: Drive, axis: int, delays: Floats = DELAYS) -> Floats:
-    """Returns delay, gain, limit, acceleration, deceleration and lag of an axis that saturates by itself.
+    """Returns the numbers of PAIR of an axis that saturates by itself and slows down as it speeds up.
 
     Args:
         drive: what was commanded and measured.
         axis: 0, forward, or 1, yaw.
         delays: s, that are tried first.
     """
-    problem = axis_problem(drive, axis)
     asked = float(np.abs(drive.commands[:, axis]).max())
+    problem = pair_problem(drive, AXES, np.full(2, ROUGH * asked), alone=axis)
     fastest = float(np.quantile(np.abs(problem.measured), 0.98))
-    starts = [
-        problem.parameters(np.array([delays[0], 1.0, limit, slew * asked, slew * asked, lag]))
-        for limit in (1.02 * fastest, 2.0 * asked)
-        for slew, lag in ((1.0, 0.2), (6.0, 0.05))
-    ]
+    starts = []
+    for limit in (1.02 * fastest, 2.0 * asked):
+        for slew, lag in ((1.0, 0.2), (6.0, 0.05)):
+            numbers = UNKNOWN.copy()
+            numbers[5 * axis : 5 * axis + 5] = delays[0], 1.0, slew * asked, slew * asked, lag
+            numbers[10 + axis] = limit
+            starts.append(problem.parameters(numbers))
     free = range(1, 5)
     found: list[tuple[Floats, float]] = []
     for delay in delays:
@@ -366,7 +348,9 @@ def fit_axis(drive: Drive, axis: int, delays: Floats = DELAYS) -> Floats:
     return problem.numbers(x)
 
 
-def pair_problem(drive: Drive, saturation: int, noise: Floats, fixed: Mapping[int, float] | None = None) -> Problem:
+def pair_problem(
+    drive: Drive, saturation: int, noise: Floats, fixed: Mapping[int, float] | None = None, alone: int | None = None
+) -> Problem:
     """Returns the least squares of both axes, each divided by its noise.
 
     Args:
@@ -374,16 +358,17 @@ def pair_problem(drive: Drive, saturation: int, noise: Floats, fixed: Mapping[in
         saturation: AXES, TWIST or WHEELS.
         noise: (2,) standard deviation of each axis.
         fixed: values of numbers, by their place in PAIR, that stay as they are.
+        alone: an axis, 0 or 1, that is fitted without the other, with its deceleration as its acceleration.
     """
-    counted, fixed = drive.counted, fixed or {}
+    counted, fixed, axes = drive.counted, fixed or {}, (0, 1) if alone is None else (alone,)
     asked = np.maximum(np.abs(drive.commands).max(axis=0), 1e-6)
 
     def respond(numbers: Floats) -> tuple[Floats, Floats]:
-        v, slopes = pair_response(drive, saturation, numbers)
+        v, slopes = pair_response(drive, saturation, numbers, axes)
         return v[:, counted].ravel(), slopes[:, counted].reshape(-1, len(PAIR))
 
     ranges: dict[int, tuple[float, float]] = {}
-    for axis in commanded(drive):
+    for axis in commanded(drive) if alone is None else axes:
         reach = 0.05 * asked[axis], 200.0 * asked[axis]
         ends = (1.0, math.exp(LONGEST_DELAY)), (0.2, 5.0), reach, reach, LAGS
         ranges |= {5 * axis + k: each for k, each in enumerate(ends)}
@@ -391,13 +376,13 @@ def pair_problem(drive: Drive, saturation: int, noise: Floats, fixed: Mapping[in
             ranges[10 + axis] = 0.02 * asked[axis], 4.0 * asked[axis]
     if saturation != AXES:
         ranges |= {10: (0.02 * asked[0], 4.0 * asked[0] + 4.0 * asked[1]), 11: (0.02, 5.0)}
-    free = sorted(ranges.keys() - fixed.keys())
+    free = sorted(ranges.keys() - fixed.keys() - (set() if alone is None else {3, 8}))
     low, high = np.log(np.array([ranges[k] for k in free])).T
     others = UNKNOWN.copy()
     others[list(fixed)] = list(fixed.values())
-    measured = drive.speeds[counted].T.ravel()
-    weights = np.repeat(1.0 / noise, counted.sum())
-    groups = [(each,) for each in free]
+    measured = drive.speeds[counted][:, axes].T.ravel()
+    weights = np.repeat(1.0 / noise[list(axes)], counted.sum())
+    groups = [(each,) if alone is None or each not in (2, 7) else (each, each + 1) for each in free]
     return Problem(respond, measured, weights, groups, low, high, others, np.isin(free, (0, 5)))
 
 
@@ -410,9 +395,8 @@ def fit_axes(drive: Drive, delays: Floats = DELAYS) -> Floats:
     """Returns the numbers of PAIR of two axes that saturate by themselves; UNKNOWN of one without commands."""
     found = UNKNOWN.copy()
     for axis in commanded(drive):
-        own = fit_axis(drive, axis, delays)
-        found[5 * axis : 5 * axis + 5] = own[[0, 1, 3, 4, 5]]
-        found[10 + axis] = own[2]
+        own = [*range(5 * axis, 5 * axis + 5), 10 + axis]
+        found[own] = fit_axis(drive, axis, delays)[own]
     return found
 
 

@@ -231,33 +231,9 @@ def saturate(cv, cw, gv, gw, p, q, saturation, e, targets, slopes):  # type: ign
             dw[e, 5] += 0.5 * uw / q
 
 
-def axis_response(drive: Drive, axis: int, numbers: Floats) -> tuple[Floats, Floats]:
-    """Returns the response (n,) of one axis that saturates by itself, and its derivatives (n, 6).
-
-    Args:
-        drive: what was commanded, and when it was measured.
-        axis: 0, forward, or 1, yaw.
-        numbers: delay, gain, limit, acceleration, deceleration, lag.
-    """
-    delay, gain, limit, rise, fall, lag = numbers.tolist()
-    asked = drive.commands[:, axis]
-    target = np.clip(gain * asked, -limit, limit)
-    clipped = np.abs(gain * asked) > limit
-    cut_slopes = np.zeros((len(asked), 3))
-    cut_slopes[:, 0] = 1.0
-    slopes = np.zeros((len(asked), 3))
-    slopes[:, 1] = np.where(clipped, 0.0, asked)
-    slopes[:, 2] = np.where(clipped, np.sign(target), 0.0)
-    v, found = np.empty(len(drive.times)), np.empty((len(drive.times), 6))
-    measured = np.ascontiguousarray(drive.speeds[:, axis])
-    cuts = drive.command_times + delay
-    respond(
-        drive.times, drive.starts, measured, cuts, target, cut_slopes, slopes, rise, fall, lag, np.empty(12), v, found
-    )
-    return v, found
-
-
-def pair_response(drive: Drive, saturation: int, numbers: Floats) -> tuple[Floats, Floats]:
+def pair_response(
+    drive: Drive, saturation: int, numbers: Floats, axes: tuple[int, ...] = (0, 1)
+) -> tuple[Floats, Floats]:
     """Returns the response (2, n) of both axes, and its derivatives (2, n, 12).
 
     Args:
@@ -265,22 +241,23 @@ def pair_response(drive: Drive, saturation: int, numbers: Floats) -> tuple[Float
         saturation: AXES, with the limits of v and w; TWIST or WHEELS, with a wheel's speed (m/s) and half of the
             track (m).
         numbers: as PAIR names them.
+        axes: 0, forward, and 1, yaw; or one of them, whose response is (1, n).
     """
     n, m = len(drive.times), len(drive.command_times)
     cuts, targets = np.empty(2 * m), np.empty((2, 2 * m))
     cut_slopes, target_slopes = np.empty((2 * m, 6)), np.empty((2, 2 * m, 6))
     merge(drive.command_times, drive.commands, numbers, saturation, cuts, targets, cut_slopes, target_slopes)
-    v, slopes = np.empty((2, n)), np.zeros((2, n, len(PAIR)))
+    v, slopes = np.empty((len(axes), n)), np.zeros((len(axes), n, len(PAIR)))
     found = np.empty((n, 9))
-    for axis in range(2):
+    for row, axis in enumerate(axes):
         measured = np.ascontiguousarray(drive.speeds[:, axis])
         rise, fall, lag = numbers[5 * axis + 2 : 5 * axis + 5].tolist()
         respond(
             drive.times, drive.starts, measured, cuts, targets[axis], cut_slopes, target_slopes[axis],
-            rise, fall, lag, np.empty(18), v[axis], found,
+            rise, fall, lag, np.empty(18), v[row], found,
         )  # fmt: skip
-        slopes[axis][:, [0, 1, 5, 6, 10, 11]] = found[:, :6]
-        slopes[axis][:, 5 * axis + 2 : 5 * axis + 5] = found[:, 6:]
+        slopes[row][:, [0, 1, 5, 6, 10, 11]] = found[:, :6]
+        slopes[row][:, 5 * axis + 2 : 5 * axis + 5] = found[:, 6:]
     return v, slopes
 
 

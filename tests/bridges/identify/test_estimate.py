@@ -7,7 +7,7 @@ import pytest
 from identification import drive_of, poor, script, skid_steer, spoiled
 
 from wayfield.bridges.identify.estimate import fit, intervals
-from wayfield.bridges.identify.response import AXES, PAIR, TWIST, WHEELS, Drive, axis_response, pair_response
+from wayfield.bridges.identify.response import AXES, PAIR, TWIST, WHEELS, Drive, pair_response
 
 P3DX = np.array([0.13, 0.9, 1.2, 1.0, 1.7, 0.1])  # delay, gain, limit, acceleration, deceleration, lag
 # a skid steer; at the end a wheel's speed and half of its track
@@ -21,6 +21,12 @@ def drawn(rng: np.random.Generator, seconds: float = 12.0) -> Drive:
     commands = np.stack([rng.uniform(-1.6, 1.6, n), rng.uniform(-4.0, 4.0, n)], axis=1)
     started = np.arange(len(times)) == 0
     return Drive(np.sort(rng.uniform(0.0, seconds, n)), commands, times, np.zeros((len(times), 2)), started, ~started)
+
+
+def alone(drive: Drive, numbers: np.ndarray) -> np.ndarray:
+    """Returns the response of the forward axis, of numbers as those of P3DX, which saturates by itself."""
+    delay, gain, limit, *rest = numbers.tolist()
+    return pair_response(drive, AXES, np.array([delay, gain, *rest, *SKID[5:10], limit, 100.0]))[0][0]
 
 
 def integrated(drive: Drive, numbers: np.ndarray, step: float = 1e-4) -> list[float]:
@@ -45,7 +51,7 @@ def integrated(drive: Drive, numbers: np.ndarray, step: float = 1e-4) -> list[fl
 
 def test_the_closed_form_is_what_small_steps_come_to() -> None:
     drive = drawn(np.random.default_rng(0))
-    v, _ = axis_response(drive, 0, P3DX)
+    v = alone(drive, P3DX)
     np.testing.assert_allclose(v, integrated(drive, P3DX), atol=2e-3 * v.std())
 
 
@@ -65,21 +71,21 @@ def test_derivatives_are_those_of_central_differences(saturation: int) -> None:
 
 def test_the_response_shifts_scales_and_keeps_its_limits() -> None:
     drive = drawn(np.random.default_rng(2))
-    v, _ = axis_response(drive, 0, P3DX)
+    v = alone(drive, P3DX)
     later = Drive(drive.command_times + 0.4, drive.commands, drive.times, drive.speeds, drive.starts, drive.counted)
     sooner, longer = P3DX.copy(), P3DX.copy()
     sooner[0] -= 0.1
     longer[0] += 0.3
-    np.testing.assert_allclose(axis_response(later, 0, sooner)[0], axis_response(drive, 0, longer)[0])
+    np.testing.assert_allclose(alone(later, sooner), alone(drive, longer))
     scaled = P3DX * [1.0, 2.0, 2.0, 2.0, 2.0, 1.0]
-    np.testing.assert_allclose(axis_response(drive, 0, scaled)[0], 2.0 * v, atol=1e-12)
+    np.testing.assert_allclose(alone(drive, scaled), 2.0 * v, atol=1e-12)
     assert np.abs(v).max() <= 1.2  # no overshoot
     assert (np.abs(np.diff(v)) <= 1.7 * np.diff(drive.times) + 1e-12).all()
     # alone, both axes respond as they do together where nothing saturates
     free = np.array([*P3DX[[0, 1, 3, 4, 5]], 0.2, 0.8, 7.0, 5.0, 0.15, 100.0, 0.3])
     unlimited = np.array([*P3DX[:2], 100.0, *P3DX[3:]])
     for saturation in (AXES, TWIST, WHEELS):
-        np.testing.assert_allclose(pair_response(drive, saturation, free)[0][0], axis_response(drive, 0, unlimited)[0])
+        np.testing.assert_allclose(pair_response(drive, saturation, free)[0][0], alone(drive, unlimited))
 
 
 def both(rng: np.random.Generator, seconds: float = 90.0) -> np.ndarray:
