@@ -114,7 +114,7 @@ def test_the_page_of_the_driver_for_every_robot_is_what_its_rows_make() -> None:
     def success(law: str, conditions: list[str], *, moving: bool) -> Difference:
         return kept.less(law, "success", moving, conditions)
 
-    # as docs/choosing.md and docs/train.md say it
+    # as docs/choosing.md and docs/agents.md say it
     assert (
         success("scan_planner", kept.conditions, moving=True).low
         > 0.0
