@@ -176,9 +176,9 @@ def _place_of(folder: Path, name: str, text: str) -> Path:
     """Returns the file that `import NAME` shall find: beside CoppeliaSim's own NAME.py a package, found before it."""
     package, module = folder / name / "__init__.py", folder / f"{name}.py"
     for file in (package, module):
-        found = file.read_text(encoding="utf-8", errors="replace") if file.exists() else text
-        if not found.startswith(text[:80]):
-            if file == module and "def simxStart" in found:
+        content = file.read_text(encoding="utf-8", errors="replace") if file.exists() else text
+        if not content.startswith(text[:80]):
+            if file == module and "def simxStart" in content:
                 return package
             raise click.UsageError(f"--legacy: {file} is there and not ours; move it away, or choose another folder")
     return package if package.exists() else module

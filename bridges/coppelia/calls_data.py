@@ -70,8 +70,8 @@ def _set_signal(caller: "Caller", key: Name, value: Any = None) -> None:
 
 def _get_signal(caller: "Caller", key: Name) -> Any:
     """Returns a signal, or null."""
-    found = caller.world.signals.get(key)
-    return _lidar_signal(caller, key) if found is None else found
+    signal = caller.world.signals.get(key)
+    return _lidar_signal(caller, key) if signal is None else signal
 
 
 def _lidar_signal(caller: "Caller", key: str) -> Any:
@@ -121,8 +121,8 @@ def _get_property(caller: "Caller", where: Target, key: Name, given: Options = N
         _, store, entry = _property(caller, where, key)
         if entry in store:
             return store[entry]
-        if store is caller.world.signals and (found := _lidar_signal(caller, entry)) is not NULL:
-            return found
+        if store is caller.world.signals and (signal := _lidar_signal(caller, entry)) is not NULL:
+            return signal
         raise CallError("property is unknown.", f"{key[:80]!r}")
     except CallError:
         if given.get("noError"):
@@ -195,28 +195,28 @@ def add_drawing_object(
 
 def _drawing(caller: "Caller", handle: int) -> Drawing:
     # flags of the handle, such as handleflag_addmultiple, come on top
-    found = caller.world.drawings.drawings.get(handle & HANDLE_MASK) if handle >= 0 else None
-    if found is None:
+    drawing = caller.world.drawings.drawings.get(handle & HANDLE_MASK) if handle >= 0 else None
+    if drawing is None:
         raise CallError("drawing object does not exist.", f"none has the handle {handle}")
-    return found
+    return drawing
 
 
 @offered()
 def add_drawing_object_item(caller: "Caller", handle: int, values: list[Any] | None = None) -> int:
     """Returns 1 where an item was added to a drawing object, else 0; no numbers remove all its items."""
-    found = _drawing(caller, handle)
+    drawing = _drawing(caller, handle)
     if not values:
-        found.items.clear()
+        drawing.items.clear()
         return 0
     given = numbers(caller, values)
     if max(map(abs, given)) > FARTHEST:
         raise Wrong(f"a number is beyond {FARTHEST:g}")
-    if len(given) < found.width:
-        raise CallError(TABLE_SIZE, f"an item has {found.width} numbers, got {len(given)}")
+    if len(given) < drawing.width:
+        raise CallError(TABLE_SIZE, f"an item has {drawing.width} numbers, got {len(given)}")
     if caller.world.drawings.full:
         raise CallError("no more items can be drawn.", "all drawing objects together are full")
-    starts = range(0, len(given) - found.width + 1, found.width)
-    return [found.add(given[first : first + found.width]) for first in starts][-1]
+    starts = range(0, len(given) - drawing.width + 1, drawing.width)
+    return [drawing.add(given[first : first + drawing.width]) for first in starts][-1]
 
 
 @offered()

@@ -74,18 +74,18 @@ def _found(caller: "Caller", path: str, given: Options, old: bool) -> int:
             raise ValueError("it is negative")
     except ValueError as error:
         raise CallError(WRONG_TYPE, f"options.index: {error}") from None
-    found: Object | None = None
+    obj: Object | None = None
     hint = f"no object {path[:80]!r}; sim.getObjectsInTree(sim.handle_scene) lists them"
     try:
-        found = scene.find(path, index)
+        obj = scene.find(path, index)
     except ValueError:
         if old:
-            found = scene.find_old(path)
+            obj = scene.find_old(path)
         hint = f"{path[:80]!r} is no path such as '/PioneerP3DX/leftMotor'"
-    if found is not None:
+    if obj is not None:
         if scene.is_old(path):
-            caller.server.log("renamed", f"{path[:80]!r} is taken for {scene.short_path(found)}")
-        return found.handle
+            caller.server.log("renamed", f"{path[:80]!r} is taken for {scene.short_path(obj)}")
+        return obj.handle
     if given.get("noError"):
         return -1
     for words, offers in _NOT_THERE.items():
@@ -172,19 +172,19 @@ def get_objects_in_tree(caller: "Caller", handle: int, kind: int = HANDLE_ALL, b
     """Returns the handles of an object and all below it, or of the whole scene."""
     scene = caller.world.scene
     if handle in (HANDLE_SCENE, HANDLE_WORLD):
-        found = list(scene.roots) if bits & 2 else [each for root in scene.roots for each in root.tree()]
+        objects = list(scene.roots) if bits & 2 else [each for root in scene.roots for each in root.tree()]
     else:
         base = node(caller, handle)
         below = base.children if bits & 2 else [each for child in base.children for each in child.tree()]
-        found = [*([] if bits & 1 else [base]), *below]
-    return [each.handle for each in found if kind in (HANDLE_ALL, each.kind)]
+        objects = [*([] if bits & 1 else [base]), *below]
+    return [each.handle for each in objects if kind in (HANDLE_ALL, each.kind)]
 
 
 @offered()
 def get_objects(caller: "Caller", index: int, kind: int = HANDLE_ALL) -> int:
     """Returns the handle of the index-th object of a type, -1 past the end."""
-    found = [each.handle for each in caller.world.scene.objects.values() if kind in (HANDLE_ALL, each.kind)]
-    return found[index] if 0 <= index < len(found) else -1
+    handles = [each.handle for each in caller.world.scene.objects.values() if kind in (HANDLE_ALL, each.kind)]
+    return handles[index] if 0 <= index < len(handles) else -1
 
 
 @offered()
@@ -237,8 +237,8 @@ def get_object_quaternion(caller: "Caller", which: Flagged, to: int = HANDLE_WOR
 @offered()
 def get_object_pose(caller: "Caller", which: Flagged, to: int = HANDLE_WORLD) -> list[float]:
     """Returns the pose of an object."""
-    found, scalar_first = which
-    px, py, pz, x, y, z, w = _relative_pose(caller, found, to)
+    obj, scalar_first = which
+    px, py, pz, x, y, z, w = _relative_pose(caller, obj, to)
     return [px, py, pz, w, x, y, z] if scalar_first else [px, py, pz, x, y, z, w]
 
 
@@ -306,18 +306,18 @@ def set_object_orientation(caller: "Caller", found: Object, first: Any, second: 
 @offered()
 def set_object_quaternion(caller: "Caller", which: Flagged, first: Any, second: Any = None) -> None:
     """Sets the quaternion of an object; its position stays."""
-    found, scalar_first = which
+    obj, scalar_first = which
     turn, to = _either_order(caller, first, second, 4)
     turn = [*turn[1:], turn[0]] if scalar_first else turn
-    _move(caller, found, to, _relative_pose(caller, found, to)[:3], turn)
+    _move(caller, obj, to, _relative_pose(caller, obj, to)[:3], turn)
 
 
 @offered()
 def set_object_pose(caller: "Caller", which: Flagged, first: Any, second: Any = None) -> None:
     """Sets the pose of an object."""
-    found, scalar_first = which
+    obj, scalar_first = which
     values, to = _either_order(caller, first, second, 7)
-    _move(caller, found, to, values[:3], [*values[4:], values[3]] if scalar_first else values[3:])
+    _move(caller, obj, to, values[:3], [*values[4:], values[3]] if scalar_first else values[3:])
 
 
 @offered()

@@ -119,16 +119,16 @@ jointmode: 0 passive motion ik ikdependent dependent force
 
 
 def _constants(table):
-    found, kind, value = {}, "", 0
+    constants, kind, value = {}, "", 0
     for word in table.split():
         if word[-1] == ":":
             kind = word[:-1]
         elif word.lstrip("-").isdigit():
             value = int(word)
         else:
-            found[f"sim_{kind}_{word}"] = value
+            constants[f"sim_{kind}_{word}"] = value
             value += 1
-    return found
+    return constants
 
 
 globals().update(_constants(_CONSTANTS))
@@ -465,8 +465,8 @@ def simxGetObjectGroupData(clientID, objectType, dataType, operationMode):
 
     if dataType not in (0, 3, 5, 9):
         raise NotImplementedError(f"simxGetObjectGroupData: data type {dataType} is not offered; 0, 3, 5 and 9 are")
-    code, found = _told(clientID, operationMode, ("group", objectType, dataType), read)
-    return (code, *(found or ([], [], [], [])))
+    code, result = _told(clientID, operationMode, ("group", objectType, dataType), read)
+    return (code, *(result or ([], [], [], [])))
 
 
 def simxGetObjectParent(clientID, childObjectHandle, operationMode):
@@ -522,8 +522,8 @@ simxSetObjectQuaternion = _setter("setObjectQuaternion", "set quaternion")
 def simxGetObjectVelocity(clientID, objectHandle, operationMode):
     """Returns the code, the linear (m/s) and the angular velocity (rad/s)."""
     key = ("velocity", objectHandle)
-    code, found = _told(clientID, operationMode, key, lambda sim: sim.getObjectVelocity(int(objectHandle)))
-    return (code, *([list(each) for each in found] if found else ([0.0] * 3, [0.0] * 3)))
+    code, result = _told(clientID, operationMode, key, lambda sim: sim.getObjectVelocity(int(objectHandle)))
+    return (code, *([list(each) for each in result] if result else ([0.0] * 3, [0.0] * 3)))
 
 
 # Joints.
@@ -571,18 +571,18 @@ def simxGetObjectFloatParameter(clientID, objectHandle, parameterID, operationMo
 def simxReadProximitySensor(clientID, sensorHandle, operationMode):
     """Returns the code, whether there is an echo, its point (m, sensor frame), the object's handle and the normal."""
     key = ("proximity", sensorHandle)
-    code, found = _told(clientID, operationMode, key, lambda sim: sim.readProximitySensor(int(sensorHandle)))
-    if not found:
+    code, result = _told(clientID, operationMode, key, lambda sim: sim.readProximitySensor(int(sensorHandle)))
+    if not result:
         return code, False, list(_NONE3), 0, list(_NONE3)
-    hit, _, point, handle, normal = found
+    hit, _, point, handle, normal = result
     return code, hit > 0, list(point), handle, list(normal)
 
 
 def simxReadVisionSensor(clientID, sensorHandle, operationMode):
     """Returns the code, whether something was found, and the packets: of a lidar's half, the second has its points."""
     key = ("vision", sensorHandle)
-    code, found = _told(clientID, operationMode, key, lambda sim: sim.readVisionSensor(int(sensorHandle)))
-    return code, bool(found and found[0] > 0), [list(each) for each in found[1:]] if found else []
+    code, result = _told(clientID, operationMode, key, lambda sim: sim.readVisionSensor(int(sensorHandle)))
+    return code, bool(result and result[0] > 0), [list(each) for each in result[1:]] if result else []
 
 
 # Signals.

@@ -195,10 +195,10 @@ class CoppeliaPlant:
         if sim("getSimulationState") in (0, 8):
             raise RuntimeError(f"the simulation at {self.address} was stopped or paused by another client")
         for joint, target in zip(self.joints, self._targets, strict=True):
-            found = sim("getJointTargetVelocity", joint)
-            if abs(found - target) > _SAME_SPEED * max(1.0, abs(target)):
+            result = sim("getJointTargetVelocity", joint)
+            if abs(result - target) > _SAME_SPEED * max(1.0, abs(target)):
                 raise RuntimeError(
-                    f"a script in the scene drives the wheels (set {target:.4g} rad/s, found {found:.4g}): "
+                    f"a script in the scene drives the wheels (set {target:.4g} rad/s, found {result:.4g}): "
                     "delete it; the stock P3DX model carries one"
                 )
         pose = sim("getObjectPose", self.base)

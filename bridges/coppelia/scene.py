@@ -177,9 +177,9 @@ class Scene:
             components[0] = (self.base.alias, components[0][1])
         if index > _MAX_INDEX:
             return None
-        for found in self._matches(self.roots, components, 0, set()):
+        for result in self._matches(self.roots, components, 0, set()):
             if index == 0:
-                return found
+                return result
             index -= 1
         last, wanted = components[-1]
         if last in _OTHER_NAMES:
@@ -234,9 +234,9 @@ class Scene:
         if not node.children or (node.handle, first) in barren:
             return
         some = False
-        for found in self._matches(node.children, components, first, barren):
+        for match in self._matches(node.children, components, first, barren):
             some = True
-            yield found
+            yield match
         if not some:
             barren.add((node.handle, first))
 

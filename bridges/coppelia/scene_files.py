@@ -103,9 +103,9 @@ def _add(world: World, place: str, fields: dict[str, Any]) -> None:
     x, y, heading = pose(f"{place}.at", [*at, 0.0] if isinstance(at, list) and len(at) == 2 else at)
 
     def size(field: str, usual: float) -> float:
-        found = fields.get(field, usual)
-        number(f"{place}.{field}", found, above=0.0, most=1000.0)
-        return float(found)
+        value = fields.get(field, usual)
+        number(f"{place}.{field}", value, above=0.0, most=1000.0)
+        return float(value)
 
     colour: Any = fields.get("colour")
     if colour is not None:

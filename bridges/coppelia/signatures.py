@@ -182,10 +182,10 @@ def exactly(count: int) -> Kind:
 def node(caller: "Caller", value: Any, sentence: str = "object does not exist.") -> Object:
     """Returns the handle of an object."""
     handle = integer(caller, value)
-    found = caller.world.scene.objects.get(handle & HANDLE_MASK) if 0 <= handle < MAX_HANDLE else None
-    if found is None:
+    obj = caller.world.scene.objects.get(handle & HANDLE_MASK) if 0 <= handle < MAX_HANDLE else None
+    if obj is None:
         raise CallError(sentence, f"no object has the handle {handle}")
-    return found
+    return obj
 
 
 def flagged(caller: "Caller", value: Any) -> tuple[Object, bool]:
@@ -197,10 +197,10 @@ def _node_of(kind: int) -> Kind:
     """Returns the kind of handles of joints, proximity sensors or shapes."""
 
     def checked(caller: "Caller", value: Any) -> Object:
-        found = node(caller, value)
-        if found.kind != kind:
-            raise CallError(f"object is not a {KINDS[kind]}.", f"{found.alias} has the handle {found.handle}")
-        return found
+        obj = node(caller, value)
+        if obj.kind != kind:
+            raise CallError(f"object is not a {KINDS[kind]}.", f"{obj.alias} has the handle {obj.handle}")
+        return obj
 
     checked.__doc__ = f"Returns the handle of a {KINDS[kind]}."
     return checked
@@ -211,10 +211,10 @@ joint, sensor, shape = _node_of(JOINT), _node_of(PROXIMITY_SENSOR), _node_of(SHA
 
 def wheel(caller: "Caller", value: Any) -> Object:
     """Returns the handle of a wheel's joint."""
-    found: Object = joint(caller, value)
-    if found.wheel < 0:
-        raise CallError("joint is not driven.", f"{found.alias} turns freely; the wheels' joints are driven")
-    return found
+    obj: Object = joint(caller, value)
+    if obj.wheel < 0:
+        raise CallError("joint is not driven.", f"{obj.alias} turns freely; the wheels' joints are driven")
+    return obj
 
 
 def target(caller: "Caller", value: Any) -> Object | int:

@@ -35,10 +35,10 @@ def echo(x: float, y: float, bearing: float, obstacles: Iterable[Any]) -> Echo |
         if dx * dx + dy * dy > far * far:
             continue
         if half_length == 0.0 and half_width == 0.0:
-            found = [_of_disc(dx, dy, radius, bearing)]
+            hits = [_of_disc(dx, dy, radius, bearing)]
         else:
-            found = [_of_face(*face, bearing) for face in _faces(dx, dy, cosine, sine, half_length, half_width, radius)]
-        for hit in found:
+            hits = [_of_face(*face, bearing) for face in _faces(dx, dy, cosine, sine, half_length, half_width, radius)]
+        for hit in hits:
             if hit is not None and (best is None or hit[0] < best.distance):
                 best = Echo(*hit, j)
     return best if best is not None and BLIND <= best.distance <= REACH else None

@@ -437,9 +437,9 @@ class World:
         obstacles = [
             self.batch.obstacles[0, each.footprint.index].item() for each in shapes if each.footprint is not None
         ]
-        found = sonars.echo(x, y, frames.yaw_of(base) + sonar.bearing, obstacles)
-        if found is None:
+        echo = sonars.echo(x, y, frames.yaw_of(base) + sonar.bearing, obstacles)
+        if echo is None:
             return NOTHING
-        distance, aside, normal, j = found
+        distance, aside, normal, j = echo
         point = [distance * math.sin(aside), 0.0, distance * math.cos(aside)]
         return 1, distance, point, shapes[j].handle, [math.sin(normal), 0.0, math.cos(normal)]
