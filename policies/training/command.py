@@ -171,8 +171,8 @@ def _scaled(preset: Preset, settings: tuple[str, ...], steps: int | None) -> tup
 def _planned(plan: Plan, preset: Preset, given: int) -> str:
     """Returns a line about the frames of a run; `given`: those of the imitation, if it was scaled."""
     updates = f"{plan.updates} update{'' if plan.updates == 1 else 's'} of {plan.unit:,}"
-    kept = f" (scaled with --steps from {given:,}; --set imitation={given} keeps it)" if given else ""
-    parts = f"{plan.taught:,} of imitation{kept} and {updates}" if plan.taught else updates
+    retained = f" (scaled with --steps from {given:,}; --set imitation={given} keeps it)" if given else ""
+    parts = f"{plan.taught:,} of imitation{retained} and {updates}" if plan.taught else updates
     rounded = "" if plan.frames == preset.steps else f", for {preset.steps:,} asked"
     return f"{plan.frames:,} frames{rounded}: {parts}"
 
@@ -233,9 +233,9 @@ def _trained(jobs: Sequence[Job], at_once: int) -> list[Report]:
                 reached = validated if report.row is None else report.row["frames"]
                 if reached > validated or time.monotonic() - at > _PAUSE:
                     told[report.seed] = time.monotonic(), reached
-                    found = f"; {fields['score']}" if reached > validated else ""
+                    result = f"; {fields['score']}" if reached > validated else ""
                     far = f"{report.frames:,} of {report.of:,} frames, {time.monotonic() - began:.0f} s"
-                    click.echo(f"seed {report.seed}: {far}{found}", err=True)
+                    click.echo(f"seed {report.seed}: {far}{result}", err=True)
 
         if cluster_given():
             with shared_out(at_once) as executor:
@@ -271,8 +271,8 @@ def _told(jobs: Sequence[Job], last: Sequence[Report], preset: Preset) -> int:
         training = total - report.seconds.get("validation", 0.0)
         speed = f"{report.frames / training:,.0f} frames/s ({shares})" if training else "not begun"
         end = "done" if report.done else f"stopped at {report.frames:,} of {report.of:,} frames, go on with --resume"
-        found, there = "no validation yet", job.folder
+        result, there = "no validation yet", job.folder
         if report.row:
-            found, there = f"last validation: {_scores(report.row, EVERY[preset.task])}", job.folder / BEST
-        say(f"seed {job.seed}: {end}; {speed}; {found}; {there}")
+            result, there = f"last validation: {_scores(report.row, EVERY[preset.task])}", job.folder / BEST
+        say(f"seed {job.seed}: {end}; {speed}; {result}; {there}")
     return status

@@ -42,13 +42,13 @@ def further(task: str, family: str, hull_radius: float, count: int) -> tuple[Any
 
     They are made and proven as those, of the seeds that follow: none is in another split.
     """
-    spec, found, seed = EVERY[task], list[Any](), LAST_FROZEN
-    while len(found) < count:
+    spec, result, seed = EVERY[task], list[Any](), LAST_FROZEN
+    while len(result) < count:
         seed += 1
         scenario = spec.families[family].make(seed)
         if spec.feasible(scenario):
-            found.append(scenario.fitted(LARGEST_HULL - hull_radius))
-    return tuple(found)
+            result.append(scenario.fitted(LARGEST_HULL - hull_radius))
+    return tuple(result)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -158,14 +158,14 @@ def scenes(hull: float, k: int) -> tuple[GoalScenario, ...]:
 
     Those of a hull beyond 0.3 m are scaled for it, movers' ways too, so that they keep the ways that were proven.
     """
-    task, found = TASKS["goal_reaching"], []
+    task, result = TASKS["goal_reaching"], []
     for family in members(task.name, 1):
         if task.families[family].needs_pymunk:
             continue
         bank = field_scenarios(task, f"{family}/train", min(hull, LARGEST_HULL))
         count = EACH * (3 if family in THRICE else 2 if family in TWICE else 1)
-        found += [bank[(k * count + j) % len(bank)] for j in range(count)]
-    return tuple(scaled(each, max(hull / LARGEST_HULL, 1.0)) for each in found)
+        result += [bank[(k * count + j) % len(bank)] for j in range(count)]
+    return tuple(scaled(each, max(hull / LARGEST_HULL, 1.0)) for each in result)
 
 
 def scaled(scenario: GoalScenario, factor: float) -> GoalScenario:

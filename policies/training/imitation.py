@@ -135,10 +135,10 @@ class Teaching:
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Returns the lessons that are kept, and what the controller remembers of the robots."""
-        kept: dict[str, NDArray[Any]] = {} if self._lessons is None else dict(self._lessons.arrays())
+        retained: dict[str, NDArray[Any]] = {} if self._lessons is None else dict(self._lessons.arrays())
         for k, pilot in enumerate(self._pilots):
-            kept |= {f"teacher_{k}.{name}": each for name, each in pilot.arrays().items()}
-        return kept
+            retained |= {f"teacher_{k}.{name}": each for name, each in pilot.arrays().items()}
+        return retained
 
     def restore(self, arrays: Mapping[str, NDArray[Any]], numbers: Mapping[str, Any]) -> None:
         """Goes back to where `arrays` and `numbers` were taken; `env` must be there already."""
@@ -183,8 +183,8 @@ class Lessons:
         room = len(self._seen)
         places = self.came + np.arange(len(seen))
         places = np.where(places < room, places, self._generator.integers(0, places + 1))
-        kept = places < room
-        self._seen[places[kept]], self._wanted[places[kept]] = seen[kept], wanted[kept]
+        retained = places < room
+        self._seen[places[retained]], self._wanted[places[retained]] = seen[retained], wanted[retained]
         self.came += len(seen)
 
     def batches(self, count: int) -> Iterator[tuple[torch.Tensor, torch.Tensor]]:

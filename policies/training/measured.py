@@ -84,11 +84,11 @@ def conditions(agent: Agent) -> list[Condition]:
 
 def measure(agent: Agent) -> list[dict[str, Any]]:
     """Returns what an agent does in each of its conditions, as its card has it."""
-    task, found = task_spec(agent.card["task"]), []
+    task, result = task_spec(agent.card["task"]), []
     for speed, kwargs in conditions(agent):
         score = validate(dataclasses.replace(agent, speed=speed), agent.card["env_id"], kwargs, task.clock)
-        found.append(measurement(speed, kwargs, dataclasses.asdict(score)))
-    return found
+        result.append(measurement(speed, kwargs, dataclasses.asdict(score)))
+    return result
 
 
 def cruises(agent: Agent) -> dict[str, list[list[float]]]:
@@ -97,7 +97,7 @@ def cruises(agent: Agent) -> dict[str, list[list[float]]]:
     Pairs of the speed told and the mean one driven, m/s, at the speeds that it was trained at, both rising: a speed at
     which it is no faster than at a lower one is left out.
     """
-    task, base, found = task_spec(agent.card["task"]), dict(agent.card["env_kwargs"]), {}
+    task, base, result = task_spec(agent.card["task"]), dict(agent.card["env_kwargs"]), {}
     told = dataclasses.replace(agent, card={**agent.card, "cruises": {}})
     for tier in agent.card["trained_on"]["actuators"]:
         kwargs = base | {"scenario": "all/train", "actuators": tier}
@@ -109,8 +109,8 @@ def cruises(agent: Agent) -> dict[str, list[list[float]]]:
             driven = round(score.speed, 4)
             if driven > (pairs[-1][1] if pairs else 0.0):
                 pairs.append([speed, driven])
-        found[tier] = pairs
-    return found
+        result[tier] = pairs
+    return result
 
 
 def measurement(speed: float, kwargs: Mapping[str, Any], score: Mapping[str, float]) -> dict[str, Any]:
@@ -134,12 +134,12 @@ def main(folders: tuple[Path, ...]) -> None:
             paced = dataclasses.replace(agent, card=card)
             score = validate(paced, card["env_id"], card["env_kwargs"], task_spec(card["task"]).clock)
             card["validation"] = validated(score)
-        found = measure(dataclasses.replace(agent, card=card))
-        write_whole(folder / CARD, (json.dumps(signed({**card, "measured": found}), indent=2) + "\n").encode())
+        result = measure(dataclasses.replace(agent, card=card))
+        write_whole(folder / CARD, (json.dumps(signed({**card, "measured": result}), indent=2) + "\n").encode())
         told = ", ".join(
             f"{each['env_kwargs']['scenario']} {each['env_kwargs']['actuators']} {each['asked_speed']:g} m/s: "
             f"{100.0 * each['success']:.0f} %"
-            for each in found
+            for each in result
         )
         click.echo(f"{folder}: {told}")
 

@@ -66,7 +66,7 @@ def transitions(data: Any, task: Any, preset: Preset) -> Transitions:
     limits = limits_of(preset.features, task.options.actuators) if preset.features.limits else None
     memory = perception.fresh(len(episodes))
     lengths = np.array([len(each["actions"]) for each in episodes])
-    found: list[list[NDArray[np.float32]]] = [[] for _ in Transitions._fields]
+    result: list[list[NDArray[np.float32]]] = [[] for _ in Transitions._fields]
     last: tuple[NDArray[np.float32], ...] | None = None
     for k in range(lengths[0] + 1):
         alive = int((lengths >= k).sum())  # the longest first: those that go on are in front
@@ -74,10 +74,10 @@ def transitions(data: Any, task: Any, preset: Preset) -> Transitions:
         speeds = np.full(alive, preset.speed)
         inputs, angles = perception.inputs(task.layout.unpack(observations), speeds, memory[:alive], limits=limits)
         if last is not None:
-            for column, values in zip(found, (*last, inputs[: len(last[0])]), strict=False):
+            for column, values in zip(result, (*last, inputs[: len(last[0])]), strict=False):
                 column.append(values)
             ended = np.array([each["terminations"][k - 1] for each in episodes[: len(last[0])]])
-            found[4].append(1.0 - ended.astype(np.float32))
+            result[4].append(1.0 - ended.astype(np.float32))
         go = int((lengths > k).sum())
         if not go:
             break
@@ -86,7 +86,7 @@ def transitions(data: Any, task: Any, preset: Preset) -> Transitions:
         rewards = np.array([each["rewards"][k] for each in episodes[:go]], np.float32)
         perception.remember(inputs[:go], actions, memory[:go])
         last = inputs[:go], actions, rewards
-    return Transitions(*(np.concatenate(column) for column in found))
+    return Transitions(*(np.concatenate(column) for column in result))
 
 
 def network(sizes: Sequence[int], activation: str) -> torch.nn.Sequential:
@@ -143,10 +143,10 @@ def improved(steps: Transitions, preset: Preset, count: int, seed: int) -> Itera
         errors = [torch.nn.functional.mse_loss(critic(both).squeeze(1), wanted) for critic in critics]
         _descend(of_critics, errors[0] + errors[1])
         if k % DELAY == 0:
-            asked = actor(inputs)
-            value = critics[0](torch.cat([inputs, asked.clamp(-1.0, 1.0)], 1))
+            requested = actor(inputs)
+            value = critics[0](torch.cat([inputs, requested.clamp(-1.0, 1.0)], 1))
             weight = BC_WEIGHT / value.abs().mean().detach().clamp_min(1e-6)
-            loss = torch.nn.functional.mse_loss(asked, actions) - weight * value.mean()
+            loss = torch.nn.functional.mse_loss(requested, actions) - weight * value.mean()
             _descend(of_actor, loss)
             with torch.no_grad():
                 for aim, source in zip(aims, followed, strict=True):
@@ -241,8 +241,8 @@ class Offline:
         preset = self.preset
         agent: Any = Agent(Network.of(layers, preset.activation), preset.features, preset.actions, card, preset.speed)
         score = validate(agent, self.env_id, kwargs, EVERY[preset.task].clock)
-        found = validated(score)
-        save_agent(home / f"seed_{seed}" / BEST, layers, card | {"training": training, "validation": found})
+        result = validated(score)
+        save_agent(home / f"seed_{seed}" / BEST, layers, card | {"training": training, "validation": result})
         return dataclasses.asdict(score)
 
 
@@ -272,11 +272,11 @@ def main(algorithm: str, source: str, name: str | None, count: int, seed: int, s
         for each in range(seed, seed + seeds):
             if os.path.lexists(home / f"seed_{each}"):
                 raise ValueError(f"{home / f'seed_{each}'} is there already; choose another --out")
-        asked = Offline(
+        request = Offline(
             algorithm, source, preset, env_id, command_given("python -m wayfield.policies.training.offline")
         )
         for each in range(seed, seed + seeds):
-            score = asked.train(data, steps, task, count, each, home)
+            score = request.train(data, steps, task, count, each, home)
             told = f"success {score['success']:.0%}, error {score['error']:.4g}, return {score['reward']:.1f}"
             say(f"seed {each}: {len(steps.inputs):,} frames, validation: {told}; {home / f'seed_{each}' / BEST}")
     except ValueError as error:

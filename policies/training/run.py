@@ -307,8 +307,8 @@ class _Run:
         card = self._card(layers, {}, [], {})
         preset = self.preset
         agent = Agent(network, preset.features, preset.actions, card, preset.speed, preset.base)
-        found = cruises(agent) if preset.paced else {}
-        agent = dataclasses.replace(agent, card=card | {"cruises": found})
+        result = cruises(agent) if preset.paced else {}
+        agent = dataclasses.replace(agent, card=card | {"cruises": result})
         scores, measured = [], []
         for speed, kwargs in ((preset.speed, self.kwargs), *self.further):
             scores.append(validate(dataclasses.replace(agent, speed=speed), self.job.env_id, kwargs, self.clock))
@@ -331,7 +331,7 @@ class _Run:
         for name, value in row.items():
             self.writer.add_scalar(f"wayfield/{name}", value, self.learner.frames)
         if not self.best or score.score > self.best_row["score"]:
-            self.best, self.best_row, self.measured, self.cruises = layers, row, measured, found
+            self.best, self.best_row, self.measured, self.cruises = layers, row, measured, result
 
     def _save(self) -> None:
         """Writes the state first: whatever else is cut off is written anew from it."""
@@ -469,11 +469,11 @@ def described_agent(
 
 def versions() -> dict[str, str]:
     """Returns the versions of what a run rests on."""
-    found = {"python": platform.python_version()}
+    result = {"python": platform.python_version()}
     for package in PACKAGES:
         with contextlib.suppress(importlib.metadata.PackageNotFoundError):
-            found[package] = importlib.metadata.version(package)
-    return found
+            result[package] = importlib.metadata.version(package)
+    return result
 
 
 class Interrupted:

@@ -106,8 +106,8 @@ class SacLearner(Learner):
         assert replay is not None
         assert coefficient is not None
         for name in _REPLAYED:
-            kept = arrays[f"replay.{name}"]
-            getattr(replay, name)[: len(kept)] = kept
+            retained = arrays[f"replay.{name}"]
+            getattr(replay, name)[: len(retained)] = retained
         replay.pos, replay.full = numbers["replay"]
         with torch.no_grad():
             coefficient.copy_(torch.from_numpy(arrays["log_ent_coef"].copy()))

@@ -25,7 +25,7 @@ def train_all(jobs: Sequence[Job], at_once: int, report: Callable[[Report], None
         return [train(jobs[0], report)]
     context = multiprocessing.get_context("spawn")
     reports = context.Queue()
-    asked = context.Event()
+    stop = context.Event()
     waiting = list(range(len(jobs)))
     running: dict[int, multiprocessing.process.BaseProcess] = {}
     last: dict[int, Report] = {}
@@ -34,11 +34,11 @@ def train_all(jobs: Sequence[Job], at_once: int, report: Callable[[Report], None
             while running or (waiting and not interrupted.number):
                 while waiting and len(running) < at_once and not interrupted.number:
                     k = waiting.pop(0)
-                    running[k] = context.Process(target=_work, args=(k, jobs[k], reports, asked, os.getpid()))
+                    running[k] = context.Process(target=_work, args=(k, jobs[k], reports, stop, os.getpid()))
                     with interrupts_held():
                         running[k].start()
                 if interrupted.number:
-                    asked.set()
+                    stop.set()
                 try:
                     k, each, ended = reports.get(timeout=0.5)
                 except queue.Empty:

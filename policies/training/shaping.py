@@ -319,9 +319,9 @@ class Shaped(VecEnv):
             if not here.any():
                 continue
             own = rows[here]
-            asked = None if self._asked is None else self._asked[own]
+            requested = None if self._asked is None else self._asked[own]
             fields = self._fields(finals[here], k)
-            last[here], _ = each.inputs(fields, self.speeds[own], self.memory[own], asked, self.limits[own])
+            last[here], _ = each.inputs(fields, self.speeds[own], self.memory[own], requested, self.limits[own])
         return last
 
     def _see(self, observations: NDArray[np.float32]) -> None:
@@ -330,9 +330,9 @@ class Shaped(VecEnv):
             self._asked = self.ask(self.pilots)
         seen = []
         for k, (each, rows) in enumerate(zip(self.perceptions, self.seen_to, strict=True)):
-            fields, asked = self._fields(observations[rows], k), None if self._asked is None else self._asked[rows]
+            fields, requested = self._fields(observations[rows], k), None if self._asked is None else self._asked[rows]
             memory = self.memory[rows]
-            seen.append(each.inputs(fields, self.speeds[rows], memory, asked, self.limits[rows]))
+            seen.append(each.inputs(fields, self.speeds[rows], memory, requested, self.limits[rows]))
         self._inputs, self._angles = (np.concatenate([pair[k] for pair in seen]) for k in range(2))
 
     def close(self) -> None:

@@ -64,9 +64,9 @@ def train_slice(piece: Slice) -> tuple[Report, dict[str, bytes]]:
 
 def files_of(folder: Path) -> dict[str, bytes]:
     """Returns the files of a run by their path in its folder, the state that all others follow from first."""
-    found = sorted(file for file in folder.rglob("*") if file.is_file() and file.name != LOCK)
-    found.sort(key=lambda file: file.name != LAST)
-    return {file.relative_to(folder).as_posix(): file.read_bytes() for file in found}
+    result = sorted(file for file in folder.rglob("*") if file.is_file() and file.name != LOCK)
+    result.sort(key=lambda file: file.name != LAST)
+    return {file.relative_to(folder).as_posix(): file.read_bytes() for file in result}
 
 
 def train_far(

@@ -40,8 +40,8 @@ def finite(numbers: Mapping[str, float]) -> dict[str, float | None]:
 
 def validated(score: Score) -> dict[str, float | None]:
     """Returns what a card says of a validation."""
-    found = {name: value for name, value in dataclasses.asdict(score).items() if name != "reward"}
-    return finite(found | {"return": score.reward})
+    result = {name: value for name, value in dataclasses.asdict(score).items() if name != "reward"}
+    return finite(result | {"return": score.reward})
 
 
 class Followed:
