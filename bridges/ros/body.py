@@ -122,8 +122,8 @@ class Body:
 
     def _move(self, twist: Twist) -> None:
         """Moves the world by one control period."""
-        asked = (twist.vx, twist.vy, twist.yaw_rate)
-        action = np.array([asked[axis] for axis in self.robot.twist_axes])
+        requested = (twist.vx, twist.vy, twist.yaw_rate)
+        action = np.array([requested[axis] for axis in self.robot.twist_axes])
         if self._law is not None:
             mine, action = action, np.array(self._law.act(self._seen))
             action[0] = mine
@@ -140,8 +140,8 @@ class Body:
     @property
     def beam_angles(self) -> NDArray[np.float64]:
         """Returns the directions (n,) rad of the beams; none on a path."""
-        found: NDArray[np.float64] = self._env.task.beam_angles
-        return found
+        result: NDArray[np.float64] = self._env.task.beam_angles
+        return result
 
     @property
     def max_range(self) -> float:
@@ -153,8 +153,8 @@ class Body:
         """Returns the map that the world stands on, if it does."""
         task = self._env.task
         courses = task.courses_of() if hasattr(task, "courses_of") else task.scenarios
-        found: OccupancyGrid | None = getattr(courses[int(self._env.batch.states[0]["scenario"])], "grid", None)
-        return found
+        result: OccupancyGrid | None = getattr(courses[int(self._env.batch.states[0]["scenario"])], "grid", None)
+        return result
 
     @property
     def others(self) -> NDArray[np.float64]:
@@ -168,8 +168,8 @@ class Body:
     @property
     def ranges(self) -> NDArray[np.float32]:
         """Returns the scan (n,), m: what is out of range, and a beam that dropped out, reads max_range."""
-        found: NDArray[np.float32] = self._env.task.layout.unpack(self._seen).ranges
-        return found if found.ndim == 1 else found[0]
+        result: NDArray[np.float32] = self._env.task.layout.unpack(self._seen).ranges
+        return result if result.ndim == 1 else result[0]
 
     @property
     def odometry(self) -> Odometry:

@@ -74,12 +74,12 @@ class Numbers(click.ParamType):  # type: ignore[type-arg]
         del param, ctx
         most = self.names.count(",") + 1
         try:
-            found = tuple(float(each) for each in str(value).split(","))
+            result = tuple(float(each) for each in str(value).split(","))
         except ValueError:
-            found = ()
-        if not self.least <= len(found) <= most or not all(map(math.isfinite, found)):
+            result = ()
+        if not self.least <= len(result) <= most or not all(map(math.isfinite, result)):
             raise click.UsageError(f"{self.field} {value!r} must be {self.names}, finite numbers in m and rad")
-        return found
+        return result
 
 
 def _rate(ctx: click.Context, param: click.Parameter, value: float) -> float:

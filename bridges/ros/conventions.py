@@ -75,9 +75,9 @@ def fault_of(scan: Scan) -> str:
         return f"scan has {count} beams {abs(scan.angle_increment):.3g} rad apart; they must be {AHEAD:.3g} rad or less"
     if not 0.0 <= scan.range_min < scan.range_max:
         return f"scan's range_min is {scan.range_min:g} and range_max {scan.range_max:g}; 0 <= range_min < range_max"
-    asked = (scan.angle_max - scan.angle_min) / scan.angle_increment + 1.0 if count > 1 else 1.0
-    if not abs(asked - count) <= 1.0 + 1e-3 * count**0.5:
-        return f"scan has {count} ranges, its angles are those of {asked:.1f}"
+    requested = (scan.angle_max - scan.angle_min) / scan.angle_increment + 1.0 if count > 1 else 1.0
+    if not abs(requested - count) <= 1.0 + 1e-3 * count**0.5:
+        return f"scan has {count} ranges, its angles are those of {requested:.1f}"
     if abs((count - 1) * scan.angle_increment) > 2.0 * math.pi + 2.0 * abs(scan.angle_increment):
         return f"scan goes round more than once: {count} beams of {abs(scan.angle_increment):g} rad"
     return ""
@@ -135,7 +135,7 @@ def in_sectors(
         max_range: m, what distances are cut to.
     """
     n, k = len(sectors), len(angles)
-    found = np.full(n, np.inf)
+    result = np.full(n, np.inf)
     if not k:
         return np.full(n, np.nan), np.empty(0, np.int64)
     width = float(sectors[1] - sectors[0]) if n > 1 else 2.0 * math.pi
@@ -144,8 +144,8 @@ def in_sectors(
     if round_:
         place %= n
     inside = (place >= 0) & (place < n)
-    np.minimum.at(found, place[inside], distances[inside])
-    empty = np.flatnonzero(np.isinf(found))
+    np.minimum.at(result, place[inside], distances[inside])
+    empty = np.flatnonzero(np.isinf(result))
     if len(empty):
         order = np.argsort(angles)
         along, far = angles[order], distances[order]
@@ -153,8 +153,8 @@ def in_sectors(
         for side in (right - 1, right):
             gap = np.abs(np.remainder(along[side % k] - sectors[empty] + math.pi, 2.0 * math.pi) - math.pi)
             near = gap <= max(spacing, 0.5 * width) * (1.0 + 1e-6)
-            found[empty[near]] = np.minimum(found[empty[near]], far[side % k][near])
-    seen = np.where(np.isinf(found), np.nan, np.minimum(found, max_range))
+            result[empty[near]] = np.minimum(result[empty[near]], far[side % k][near])
+    seen = np.where(np.isinf(result), np.nan, np.minimum(result, max_range))
     return seen, place
 
 
@@ -259,8 +259,8 @@ class Sight:
             )
             ranges = np.where(unknown, where, ranges)
             inside = (place >= 0) & (place < len(ranges))
-            kept = inside & unknown[np.where(inside, place, 0)]
-            hits = np.vstack([hits, past[kept]])
+            retained = inside & unknown[np.where(inside, place, 0)]
+            hits = np.vstack([hits, past[retained]])
         unknown = np.isnan(ranges)
         blind = bool((unknown & (np.abs(self._sectors) <= AHEAD)).any())
         return View(np.where(unknown, self.max_range, ranges), hits, blind)

@@ -93,8 +93,8 @@ class _Driver:
         """Returns the policy's command at a flat observation (1, n)."""
         if self._ahead is not None:
             observations = self._ahead.observed(observations)
-        asked = self._policy.act(self._briefing.layout.unpack(observations), self._briefing, self._memory)
-        return _twist(self._briefing.robot, asked if self._ahead is None else self._ahead.asked(asked))
+        requested = self._policy.act(self._briefing.layout.unpack(observations), self._briefing, self._memory)
+        return _twist(self._briefing.robot, requested if self._ahead is None else self._ahead.asked(requested))
 
     def sent(self, twist: Twist) -> None:
         """Takes note of what the base is sent."""
@@ -227,13 +227,13 @@ class AlongPath:
 
     def rehearse(self) -> None:
         """Decides once for nothing, at the path's start: what is to be compiled is, before anything moves."""
-        found = self._env
-        if found is None:
+        result = self._env
+        if result is None:
             self.take(self.course_of(np.array([[0.0, 0.0], [1.0, 0.0]])))
         state = self._env.batch.states[0]
         here = Odometry(0.0, "", float(state["x"]), float(state["y"]), float(state["heading"]))
         self.decide(here, View(np.empty(0), np.empty((0, 2)), False))
-        self._env = found
+        self._env = result
         self.reset()
 
     def course(self, scenario: str | PathScenario) -> Any:
@@ -251,8 +251,8 @@ class AlongPath:
             raise ValueError(f"point {far[0]}, {points[far[0]].tolist()}, is not finite or beyond {FARTHEST:g} m")
         stays = np.zeros(len(points), np.bool_)
         stays[1:] = (points[1:] == points[:-1]).all(axis=1)
-        kept, closed, _ = closing(points[~stays], None)
-        return self.course(PathScenario("path", Path(kept, closed)))
+        retained, closed, _ = closing(points[~stays], None)
+        return self.course(PathScenario("path", Path(retained, closed)))
 
     def take(self, course: Any) -> None:
         """Drives along a course from now on."""

@@ -71,16 +71,16 @@ class Limits:
 
     def within(self, twist: Twist) -> Twist:
         """Returns a twist that is scaled by one factor where a wheel, or a limit, would be exceeded."""
-        asked = np.array([twist.vx, twist.vy if self.robot.holonomic else 0.0, twist.yaw_rate])
-        largest = float(np.abs(asked).max())
+        requested = np.array([twist.vx, twist.vy if self.robot.holonomic else 0.0, twist.yaw_rate])
+        largest = float(np.abs(requested).max())
         if largest > 1e9:  # below where squares overflow
-            asked *= 1e9 / largest
-        speed, yaw_rate = math.hypot(asked[0], asked[1]), abs(float(asked[2]))
+            requested *= 1e9 / largest
+        speed, yaw_rate = math.hypot(requested[0], requested[1]), abs(float(requested[2]))
         over = [yaw_rate / self.max_yaw_rate, speed / self.max_speed]
         if self.by_sheet:
-            wheels = float(np.abs(self.robot.wheel_matrix @ asked).max())
+            wheels = float(np.abs(self.robot.wheel_matrix @ requested).max())
             over += [wheels / self.robot.rated_wheel_speed, yaw_rate / self.robot.turn_speed]
-        vx, vy, turn = (asked / max(1.0, *over)).tolist()
+        vx, vy, turn = (requested / max(1.0, *over)).tolist()
         return Twist(vx, vy, turn)
 
     def ramped(self, before: Twist, asked: Twist, dt: float) -> Twist:
@@ -462,11 +462,11 @@ class Driver:
             return "odom is not finite"
         if max(abs(odometry.x), abs(odometry.y)) > FARTHEST:
             return f"odom's pose is ({odometry.x:.6g}, {odometry.y:.6g}) m; it must be within {FARTHEST:g} m"
-        asked = math.hypot(odometry.twist.vx, odometry.twist.vy), abs(odometry.twist.yaw_rate)
+        requested = math.hypot(odometry.twist.vx, odometry.twist.vy), abs(odometry.twist.yaw_rate)
         most = self.limits.fastest
-        if any(each > FASTER * limit + SLACK for each, limit in zip(asked, most, strict=True)):
+        if any(each > FASTER * limit + SLACK for each, limit in zip(requested, most, strict=True)):
             return (
-                f"odom's twist is {asked[0]:.6g} m/s, {asked[1]:.6g} rad/s; "
+                f"odom's twist is {requested[0]:.6g} m/s, {requested[1]:.6g} rad/s; "
                 f"{self.limits.robot.name} does {most[0]:.3g} m/s, {most[1]:.3g} rad/s"
             )
         return ""
@@ -533,8 +533,8 @@ class Driver:
         if took > 2.0 * self.scan_period:
             return self._zero()
         age = max(0.0, at - self._scan.stamp - self._scan.offset) + took
-        asked = self.limits.kept_away(self.limits.within(decision.twist), view, age)
-        self._command = self.limits.ramped(self._command, asked, dt)
+        requested = self.limits.kept_away(self.limits.within(decision.twist), view, age)
+        self._command = self.limits.ramped(self._command, requested, dt)
         self.mission.sent(self._command)
         return self._command
 

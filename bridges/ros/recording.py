@@ -12,12 +12,12 @@ _PLAIN = {"boolean": "bool", "octet": "byte", "float": "float32", "double": "flo
 
 def _written(kind: str) -> tuple[str, str]:
     """Returns a field's type as a .msg file has it, and the type of what it holds."""
-    if found := re.fullmatch(r"sequence<(.+?)(?:, (\d+))?>", kind):
-        inner, held = _written(found[1])
-        return f"{inner}[{f'<={found[2]}' if found[2] else ''}]", held
-    if found := re.fullmatch(r"(.+)\[(\d+)\]", kind):
-        inner, held = _written(found[1])
-        return f"{inner}[{found[2]}]", held
+    if result := re.fullmatch(r"sequence<(.+?)(?:, (\d+))?>", kind):
+        inner, held = _written(result[1])
+        return f"{inner}[{f'<={result[2]}' if result[2] else ''}]", held
+    if result := re.fullmatch(r"(.+)\[(\d+)\]", kind):
+        inner, held = _written(result[1])
+        return f"{inner}[{result[2]}]", held
     plain = _PLAIN.get(kind, kind)
     return plain, plain
 
