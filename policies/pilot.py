@@ -146,13 +146,13 @@ class Pilot:
 
     def arrays(self) -> dict[str, NDArray[np.uint8]]:
         """Returns the bytes of all that it remembers: the policy's memory, and what was sent to a base that is late."""
-        kept = {"memory": self.memory} | ({} if self._ahead is None else self._ahead.remembered)
-        return {name: np.frombuffer(each.tobytes(), np.uint8) for name, each in kept.items()}
+        retained = {"memory": self.memory} | ({} if self._ahead is None else self._ahead.remembered)
+        return {name: np.frombuffer(each.tobytes(), np.uint8) for name, each in retained.items()}
 
     def put_back(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Puts what `arrays` returned into a pilot of the same policy that was reset for the same episodes."""
-        kept = {"memory": self.memory} | ({} if self._ahead is None else self._ahead.remembered)
-        for name, each in kept.items():
+        retained = {"memory": self.memory} | ({} if self._ahead is None else self._ahead.remembered)
+        for name, each in retained.items():
             each[...] = np.frombuffer(arrays[name].tobytes(), each.dtype).reshape(each.shape)
 
     def _asked(self, observation: NDArray[Any]) -> Array:

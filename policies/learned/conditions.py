@@ -290,8 +290,8 @@ def _out_of_ranges(
     if not new:
         return ""
     tiers = (tier for tier in ACTUATORS if briefing.robot.actuators(tier) == briefing.actuators)
-    asked = {"actuators": next(tiers, ""), "num_beams": len(briefing.beam_angles), "speed": speed}
-    return _told(card, [f"{briefing.robot.name} {new[0]}", *new[1:]], asked | {"robot": briefing.robot.name})
+    requested = {"actuators": next(tiers, ""), "num_beams": len(briefing.beam_angles), "speed": speed}
+    return _told(card, [f"{briefing.robot.name} {new[0]}", *new[1:]], requested | {"robot": briefing.robot.name})
 
 
 UNITS = {
@@ -309,16 +309,16 @@ def _told(card: Mapping[str, Any], new: Sequence[str], asked: Mapping[str, Any])
     own |= validated if isinstance(validated, dict) else {}
     everywhere = [*([own] if _is_measured(own) else []), *card.get("measured", [])]
     measured = sorted(everywhere, key=lambda each: (-_likeness(each, asked), abs(each["asked_speed"] - speed)))
-    found = _found(measured[0], "robot" in asked) if measured else "nothing was measured"
+    result = _found(measured[0], "robot" in asked) if measured else "nothing was measured"
     name = str(card.get("name", "an agent")).split(",")[0]
-    return f"{name} drives {' and '.join(new)}, which it was trained on; nearest to that, {found}"
+    return f"{name} drives {' and '.join(new)}, which it was trained on; nearest to that, {result}"
 
 
 def _likeness(measured: Mapping[str, Any], asked: Mapping[str, Any]) -> int:
     """Returns in how many things a condition that was measured is the one that is asked for, the tier first."""
-    found = {"actuators": "ideal", "num_beams": 0, **measured["env_kwargs"], "speed": measured["asked_speed"]}
-    same = sum(int(found.get(name) == asked[name]) for name in asked)
-    return 2 * int(found["actuators"] == asked["actuators"]) + same
+    result = {"actuators": "ideal", "num_beams": 0, **measured["env_kwargs"], "speed": measured["asked_speed"]}
+    same = sum(int(result.get(name) == asked[name]) for name in asked)
+    return 2 * int(result["actuators"] == asked["actuators"]) + same
 
 
 def _found(measured: Mapping[str, Any], of_any: bool) -> str:

@@ -160,28 +160,28 @@ class Perception:
         self.limits = told if features.limits else 0
         self.crumbed = features.crumbed
         self.moved = features.moved
-        kept = self._kept()
+        retained = self._kept()
         before = features.previous * actions.size + 2 * len(self.trails) + self.crumbed + self.moved
         self.num_inputs = self.width * features.frames + before + self.limits + self.asked
         for what, count, most in (
             ("sees", self.num_inputs, MOST_INPUTS),
-            ("remembers", sum(math.prod(shape) for shape in kept.values()), MOST_KEPT),
+            ("remembers", sum(math.prod(shape) for shape in retained.values()), MOST_KEPT),
         ):
             if count > most:
                 raise ValueError(f"{type(features).__name__} {what} {count} numbers of a robot; at most {most} may be")
-        self.memory = np.dtype([(name, np.float32, shape) for name, shape in kept.items()])
+        self.memory = np.dtype([(name, np.float32, shape) for name, shape in retained.items()])
 
     def _kept(self) -> dict[str, tuple[int, ...]]:
         """Returns the shapes of what a robot remembers, by name."""
         features = self.features
-        kept: dict[str, tuple[int, ...]] = {"actions": (features.previous, self.actions.size)}  # newest first
+        retained: dict[str, tuple[int, ...]] = {"actions": (features.previous, self.actions.size)}  # newest first
         if len(self.trails):
-            kept |= {"begun": (), "trails": (len(self.trails), 2)}  # whether they have; x, y of each, m
+            retained |= {"begun": (), "trails": (len(self.trails), 2)}  # whether they have; x, y of each, m
         if features.crumbs:
-            kept |= dict.fromkeys(Crumbs._fields[:-1], ()) | {"places": (features.crumbs, 2)}
+            retained |= dict.fromkeys(Crumbs._fields[:-1], ()) | {"places": (features.crumbs, 2)}
         if isinstance(features, GoalFeatures) and features.moving:
-            kept |= {"ages": (2,), "older": (features.num_beams, 2), "newer": (features.num_beams, 2)}
-        return kept | {"seen": ((features.frames - 1) * features.stride, self.width)}  # newest first
+            retained |= {"ages": (2,), "older": (features.num_beams, 2), "newer": (features.num_beams, 2)}
+        return retained | {"seen": ((features.frames - 1) * features.stride, self.width)}  # newest first
 
     def fresh(self, num_envs: int) -> NDArray[np.void]:
         """Returns the memory (num_envs,) of robots that have seen and done nothing: zeros."""

@@ -81,15 +81,15 @@ class Gain(NamedTuple):
             self._check_number(field, value, vars(owner))
 
     def _check_number(self, field: str, value: Any, values: Mapping[str, Any]) -> None:
-        found = real(value)
-        if math.isinf(found) and not isinstance(value, float | np.floating):
-            found = math.nan  # a whole number too large for a float is not infinity
+        result = real(value)
+        if math.isinf(result) and not isinstance(value, float | np.floating):
+            result = math.nan  # a whole number too large for a float is not infinity
         ends = self._ends(values)
-        fits = math.isfinite(found) or (found > 0.0 and not self.finite)
-        if not fits or not all(holds(found, end) for _, holds, end in ends):
+        fits = math.isfinite(result) or (result > 0.0 and not self.finite)
+        if not fits or not all(holds(result, end) for _, holds, end in ends):
             range_ = " and ".join(words for words, _, _ in ends)
             refuse(field, value, f"a {'finite ' if self.finite else ''}number {range_}".strip())
-        if math.isfinite(found) and abs(found) > MOST_GAIN:
+        if math.isfinite(result) and abs(result) > MOST_GAIN:
             refuse(field, value, f"at most {MOST_GAIN:g} in size")
 
     def _ends(self, values: Mapping[str, Any]) -> list[tuple[str, Callable[[float, Any], bool], Any]]:
@@ -98,15 +98,15 @@ class Gain(NamedTuple):
         Args:
             values: of the policy's gains, by name, for ends that are one; {} where they are not known.
         """
-        found: list[tuple[str, Callable[[float, Any], bool], Any]] = []
+        result: list[tuple[str, Callable[[float, Any], bool], Any]] = []
         for name, sign, holds in _SIGNS:
             end = getattr(self, name)
             if isinstance(end, str):
                 value = values.get(end)
-                found.append((f"{sign} {end}" + (f" = {value:g}" if end in values else ""), holds, value))
+                result.append((f"{sign} {end}" + (f" = {value:g}" if end in values else ""), holds, value))
             elif math.isfinite(end):
-                found.append((f"{sign} {end:g}", holds, end))
-        return found
+                result.append((f"{sign} {end:g}", holds, end))
+        return result
 
     def _whole_ends(self) -> tuple[int, int]:
         least = self.least if isinstance(self.least, int) else 0

@@ -51,12 +51,12 @@ _MOST_MADE = 256
 def params_of(policy: Any, robot: Robot, actuators: Actuators, dt: float, /, **more: float) -> NDArray[np.void]:
     """Returns what `params` does, for actuators that need not be those of the briefing."""
     key = (id(policy), id(robot), actuators, dt, *more.values(), *more)
-    found = _made.get(key)
-    if found is None:
+    result = _made.get(key)
+    if result is None:
         if len(_made) >= _MOST_MADE:
             _made.clear()
-        found = _made[key] = _record(policy, robot, actuators, dt, more), policy, robot
-    made: NDArray[np.void] = found[0]
+        result = _made[key] = _record(policy, robot, actuators, dt, more), policy, robot
+    made: NDArray[np.void] = result[0]
     return made
 
 

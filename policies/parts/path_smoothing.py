@@ -71,11 +71,11 @@ def smoothed(course: Course | None, motion: Motion, ends_only: bool = False) -> 
     if key not in _kept:
         _kept[key] = _smoothed(course, ends_only)
         weakref.finalize(course.vertices, _kept.pop, key, None)
-    found = _kept[key]
-    if found is None:
+    result = _kept[key]
+    if result is None:
         return course, motion
-    course = found.course._replace(path_index=course.path_index)
-    return course, motion._replace(arc_lengths=places(*course, found.given, found.laps, motion.arc_lengths))
+    course = result.course._replace(path_index=course.path_index)
+    return course, motion._replace(arc_lengths=places(*course, result.given, result.laps, motion.arc_lengths))
 
 
 def _smoothed(course: Course, ends_only: bool) -> Smoothed | None:

@@ -54,7 +54,7 @@ def solution(solver: Any, *start: NDArray[np.float64]) -> Any | None:
     good = (osqp.SolverStatus.OSQP_SOLVED, osqp.SolverStatus.OSQP_SOLVED_INACCURATE)
     while True:
         solver.warm_start(*start)
-        found = solver.solve(raise_error=False)
-        if found.info.status_val != osqp.SolverStatus.OSQP_SIGINT:
-            return found if found.info.status_val in good and np.isfinite(found.x).all() else None
+        result = solver.solve(raise_error=False)
+        if result.info.status_val != osqp.SolverStatus.OSQP_SIGINT:
+            return result if result.info.status_val in good and np.isfinite(result.x).all() else None
         signal.raise_signal(signal.SIGINT)

@@ -103,8 +103,8 @@ def remembering(policy: Policy, briefing: Briefing, state: list[Any]) -> NDArray
     """
     check_scan(policy, briefing.beam_angles, briefing)
     points = (len(briefing.beam_angles), 2)
-    kept = [("state", aligned(state)), ("older", np.float64, points), ("newer", np.float64, points)]
-    memory = np.zeros(briefing.num_envs, kept)
+    retained = [("state", aligned(state)), ("older", np.float64, points), ("newer", np.float64, points)]
+    memory = np.zeros(briefing.num_envs, retained)
     memory["older"] = memory["newer"] = np.nan
     return memory
 

@@ -54,14 +54,14 @@ def tuned_gains(name: str, suite: str, robot: str = "p3dx", speed: float = PACE,
         NotTuned: if none ship for that condition; the message names the conditions that they ship for.
         ValueError: if the file is damaged or belongs to another policy or condition; the message names it.
     """
-    found = tuned_set(name, suite, robot, speed, level)
-    if found is None:
+    result = tuned_set(name, suite, robot, speed, level)
+    if result is None:
         there = ", ".join(tuned_conditions(name, suite)) or "none"
         raise NotTuned(
             f"policy {name!r} has no gains tuned for suite {suite!r} with {condition(robot, speed, level)}; "
             f"there are: {there}"
         )
-    return dict(found.gains)
+    return dict(result.gains)
 
 
 def tuned_set(name: str, suite: str, robot: str = "p3dx", speed: float = PACE, level: str = "none") -> TunedSet | None:
@@ -77,19 +77,19 @@ def tuned_set(name: str, suite: str, robot: str = "p3dx", speed: float = PACE, l
     if file is None or not file.is_file():
         return None
     content = _read(file, name)
-    found = condition(content["robot"], content["speed"], content["level"])
-    if found != wanted:
-        raise ValueError(f"{file} holds gains for {found}, not for {wanted}")
+    result = condition(content["robot"], content["speed"], content["level"])
+    if result != wanted:
+        raise ValueError(f"{file} holds gains for {result}, not for {wanted}")
     searched = int(content["frames"]), content.get("searched_on", {}).get("split", "")
     return TunedSet(content["gains"], robot, float(content["speed"]), level, content["chosen"], *searched)
 
 
 def tuned_conditions(name: str, suite: str) -> list[str]:
     """Returns the conditions that gains of a policy ship for, as `condition` names them."""
-    found = re.compile(rf"{re.escape(name)}_([a-z0-9]+_[0-9.]+_[a-z]+)\.json")
+    result = re.compile(rf"{re.escape(name)}_([a-z0-9]+_[0-9.]+_[a-z]+)\.json")
     folder = _folder(suite)
     names = sorted(file.name for file in folder.iterdir()) if folder.is_dir() else []
-    return [match[1] for match in map(found.fullmatch, names) if match]
+    return [match[1] for match in map(result.fullmatch, names) if match]
 
 
 def condition(robot: str, speed: float, level: str) -> str:

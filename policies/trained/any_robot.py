@@ -172,8 +172,8 @@ def agents_of(robot: Robot) -> tuple[int, ...]:
 
 @functools.lru_cache(maxsize=64)
 def _planner(robot: str, speed: float, planned: float) -> ScanPlanner:
-    found = tuned_gains("scan_planner", SUITE, robot, planned) if planned else {}
-    return ScanPlanner(**{**found, "max_speed": speed})
+    result = tuned_gains("scan_planner", SUITE, robot, planned) if planned else {}
+    return ScanPlanner(**{**result, "max_speed": speed})
 
 
 @functools.lru_cache(maxsize=64)

@@ -88,19 +88,19 @@ class Hybrid(GoalLaw):
         """Returns the twists (b, t), m/s and rad/s."""
         agent = self.agent(briefing)
         # the planner's kernels take records that lie apart; the agent's are compiled for such as lie side by side
-        planned, kept = memory["planner"], memory["agent"].copy()
+        planned, retained = memory["planner"], memory["agent"].copy()
         own = self.planner(briefing, agent).act(observation, briefing, planned)
         goals, led = observation.goal.copy(), np.zeros(len(memory), np.bool_)
         lead(planned["state"], observation.pose, self.ahead, goals, led)
-        seen = kept["network"] if "network" in (kept.dtype.names or ()) else kept
+        seen = retained["network"] if "network" in (retained.dtype.names or ()) else retained
         if "least" in (seen.dtype.names or ()):
             seen["least"][led] = seen["distance"][led] = np.hypot(goals[led, 0], goals[led, 1])
             seen["waited"][led] = 0.0
         left = np.where(led, np.maximum(observation.waypoints_left, 1.0), observation.waypoints_left)
-        twists = agent.act(observation._replace(goal=goals, waypoints_left=left), briefing, kept)
-        twists = self.taken(observation, briefing, memory, kept, (own, twists))
+        twists = agent.act(observation._replace(goal=goals, waypoints_left=left), briefing, retained)
+        twists = self.taken(observation, briefing, memory, retained, (own, twists))
         planned["state"]["command"][:, briefing.robot.twist_axes] = twists
-        memory["agent"] = kept
+        memory["agent"] = retained
         return twists
 
     def taken(
@@ -124,8 +124,8 @@ class Hybrid(GoalLaw):
 @functools.lru_cache(maxsize=64)
 def planner_of(robot: str, speed: float) -> ScanPlanner:
     """Returns the planner at a cruising speed (m/s), with the gains tuned for a robot where there are better ones."""
-    found = tuned_set("scan_planner", SUITE, robot)
-    return ScanPlanner(**{**(found.gains if found else {}), "max_speed": speed})
+    result = tuned_set("scan_planner", SUITE, robot)
+    return ScanPlanner(**{**(result.gains if result else {}), "max_speed": speed})
 
 
 @any_layout

@@ -114,8 +114,8 @@ def trained(home: str) -> dict[int, Path]:
 
 
 def _by_seed(home: Path) -> dict[int, Path]:
-    found = {int(each.name[5:]): each for each in home.glob("seed_*") if re.fullmatch(r"seed_(0|[1-9]\d*)", each.name)}
-    return dict(sorted(found.items()))
+    result = {int(each.name[5:]): each for each in home.glob("seed_*") if re.fullmatch(r"seed_(0|[1-9]\d*)", each.name)}
+    return dict(sorted(result.items()))
 
 
 def _loaded(folders: dict[int, Path], seed: int, speed: float, pace_time: float, what: str) -> Agent:
