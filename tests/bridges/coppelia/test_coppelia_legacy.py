@@ -126,36 +126,6 @@ def test_go_to_a_point_in_synchronous_mode(serve, run):
     assert t == pytest.approx(0.0, abs=2e-3)
 
 
-def test_a_circle_has_the_radius_of_its_wheel_speeds(serve, run):
-    radius, speed = map(
-        float,
-        run(
-            """
-            for joint, w in ((left, 2.0), (right, 3.0)):
-                code = sim.simxSetJointTargetVelocity(clientID, joint, w, sim.simx_opmode_oneshot)
-                assert code == sim.simx_return_novalue_flag
-                assert sim.simxSetJointTargetVelocity(clientID, joint, w, sim.simx_opmode_oneshot) == sim.simx_return_ok
-            sim.simxSynchronous(clientID, True)
-            sim.simxStartSimulation(clientID, sim.simx_opmode_blocking)
-            points = []
-            for _ in range(150):
-                sim.simxSynchronousTrigger(clientID)
-                points.append(sim.simxGetObjectPosition(clientID, robot, -1, sim.simx_opmode_blocking)[1][:2])
-            ret, speed = sim.simxGetObjectFloatParameter(clientID, right, 2012, sim.simx_opmode_blocking)
-            ret, angle = sim.simxGetJointPosition(clientID, right, sim.simx_opmode_blocking)
-            assert abs((angle - 150 * 0.05 * 3.0 + math.pi) % (2 * math.pi) - math.pi) < 1e-6
-            (ax, ay), (bx, by), (cx, cy) = points[0], points[60], points[120]
-            a, b, c = math.dist((bx, by), (cx, cy)), math.dist((ax, ay), (cx, cy)), math.dist((ax, ay), (bx, by))
-            print(a * b * c / (2 * abs((bx - ax) * (cy - ay) - (cx - ax) * (by - ay))), speed)
-            """,
-            serve("empty"),
-        ),
-    )
-    # the base's origin, 0.0445 m behind the axle's middle
-    assert radius == pytest.approx(((0.1655 * 5.0) ** 2 + 0.0445**2) ** 0.5, rel=1e-6)
-    assert speed == pytest.approx(3.0)
-
-
 def test_a_pose_logger_streams_until_somebody_stops(serve, run):
     lines = run(
         """
@@ -298,17 +268,6 @@ def test_every_call_takes_the_numbers_of_numpy_as_those_of_python(serve, run):
         """,
         serve("empty"),
     ) == ["done"]
-
-
-def test_constants_are_those_of_the_present_api():
-    from wayfield.bridges.coppelia import legacy
-    from wayfield.bridges.coppelia.constants import CONSTANTS
-
-    shared = {name: value for name, value in CONSTANTS.items() if hasattr(legacy, f"sim_{name}")}
-    assert len(shared) > 20
-    assert {name: getattr(legacy, f"sim_{name}") for name in shared} == shared
-    assert (legacy.sim_intparam_mouse_x, legacy.sim_jointfloatparam_velocity) == (22, 2012)
-    assert legacy.sim_shapefloatparam_mass == 3005
 
 
 def test_nobody_there_is_minus_one_and_a_module_that_is_not_ours_stays(tmp_path):
