@@ -1,15 +1,24 @@
 """The environments of robots among people that walk by laws of their own."""
 
+import dataclasses
 from typing import Any
 
 from wayfield.envs.scenarios.splits import members
 from wayfield.envs.scenarios.team_scenario import TeamScenario
-from wayfield.envs.tasks.sheets import sheet_like, signature_like
+from wayfield.envs.tasks.arguments import argument, told
+from wayfield.envs.tasks.sheets import sheet_like
 from wayfield.envs.tasks.specs import CROWDS
-from wayfield.envs.team_worlds import Teams
+from wayfield.envs.team_worlds import TeamArguments, Teams
 from wayfield.envs.teams import DiffDriveTeam, OmniTeam, TeamVectorEnv
 
 ALL = "people"  # the name of all families
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PeopleArguments(TeamArguments):
+    """What an environment among people takes."""
+
+    scenario: Any = argument("crowdnav_5", 'a family ("lanes_24/test"), all ("people/test"), or `TeamScenario`s')
 
 
 class AmongPeople(Teams):
@@ -42,16 +51,13 @@ class OmniPeople(OmniTeam):
                 social forces by five names, at a constant velocity, or not at all. They see the robot or not
                 (`visible`), walk in groups, or react to it: `wayfield.envs.crowds.people`.
                 Everything else is as in a team, which this is one of.
-            """
+            """,
+            "Arguments": told(PeopleArguments, holonomic=True),
         },
-        {"scenario": '"crowdnav_5" | a family ("lanes_24/test"), all ("people/test"), or `TeamScenario`s'},
     )
 
+    arguments = PeopleArguments
     asks = AmongPeople
-    __signature__ = signature_like(OmniTeam, scenario="crowdnav_5")
-
-    def __init__(self, scenario: Any = "crowdnav_5", *options: Any, **named: Any) -> None:
-        super().__init__(scenario, *options, **named)
 
 
 class OmniPeopleVector(TeamVectorEnv):
@@ -71,9 +77,9 @@ class DiffDrivePeople(OmniPeople):
                 social forces by five names, at a constant velocity, or not at all. They see the robot or not
                 (`visible`), walk in groups, or react to it: `wayfield.envs.crowds.people`.
                 Everything else is as in a team, which this is one of.
-            """
+            """,
+            "Arguments": told(PeopleArguments, holonomic=False),
         },
-        {"scenario": '"crowdnav_5" | a family ("lanes_24/test"), all ("people/test"), or `TeamScenario`s'},
     )
 
     robots = DiffDriveTeam.robots

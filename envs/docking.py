@@ -7,9 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching
-from wayfield.envs.goal_reaching import DiffDriveGoalObstacles, GoalReaching, OmniGoalObstacles
+from wayfield.envs.goal_reaching import DiffDriveGoalObstacles, GoalArguments, GoalReaching, OmniGoalObstacles
 from wayfield.envs.scenarios import TASKS
-from wayfield.envs.tasks.sheets import sheet_like, signature_like
+from wayfield.envs.tasks.arguments import argument, told
+from wayfield.envs.tasks.sheets import sheet_like
 from wayfield.envs.vector import NativeVectorEnv
 
 _LEAST_FRAME = 3.0  # m
@@ -62,9 +63,15 @@ _EPISODE_END = """
     and pays the success reward at every step at rest within tolerance; `end_on_contact=False` (pymunk) survives
     contact.
 """
-_SCENARIO = (
-    '"all" | the families, or one: "open", "behind", "wall", "berth", "moving" ("wall/train"); "sideways"; a file'
-)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class DockingArguments(GoalArguments):
+    """What an environment of docks takes."""
+
+    scenario: Any = argument(
+        "all", 'the families, or one: "open", "behind", "wall", "berth", "moving" ("wall/train"); "sideways"; a file'
+    )
 
 
 class OmniDocking(OmniGoalObstacles):
@@ -81,15 +88,12 @@ class OmniDocking(OmniGoalObstacles):
             "Rewards": _REWARDS,
             "Starting state": _STARTING_STATE,
             "Episode end": _EPISODE_END,
+            "Arguments": told(DockingArguments, holonomic=True),
         },
-        {"scenario": _SCENARIO},
     )
 
+    arguments = DockingArguments
     asks = Docking
-    __signature__ = signature_like(OmniGoalObstacles, scenario="all")
-
-    def __init__(self, scenario: str = "all", *options: Any, **named: Any) -> None:
-        super().__init__(scenario, *options, **named)
 
 
 class OmniDockingVector(NativeVectorEnv):
@@ -113,8 +117,8 @@ class DiffDriveDocking(OmniDocking):
             "Rewards": _REWARDS,
             "Starting state": _STARTING_STATE,
             "Episode end": _EPISODE_END,
+            "Arguments": told(DockingArguments, holonomic=False),
         },
-        {"scenario": _SCENARIO},
     )
 
     robots = DiffDriveGoalObstacles.robots

@@ -10,19 +10,18 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs.robots import AnyRobot, records, robots_with, sensing
+from wayfield.envs.robots import records, robots_with, sensing
 from wayfield.envs.robots.kinematics import to_body_frame
 from wayfield.envs.scenarios import TASKS, GoalScenario, TaskSpec, field_scenarios
-from wayfield.envs.single import FRAME_SIZE, SingleEnv
+from wayfield.envs.single import SingleEnv
+from wayfield.envs.tasks.arguments import PlantArguments, ScanArguments, argument, told
 from wayfield.envs.tasks.briefing import Goals
 from wayfield.envs.tasks.observation import Field, Layout
 from wayfield.envs.tasks.sheets import (
     DIFF_DRIVE_ACTIONS,
     DIFF_DRIVE_ODOMETRY,
-    DIFF_DRIVE_ROBOTS,
     OMNI_ACTIONS,
     OMNI_ODOMETRY,
-    OMNI_ROBOTS,
     sheet_like,
 )
 from wayfield.envs.tasks.stepping import Outputs, Robots, Turn, places, reset_robots, step_robots, write_motion
@@ -410,6 +409,23 @@ def _laid_out(scenarios: tuple[GoalScenario, ...]) -> tuple[NDArray[Any], ...]:
     return courses, goals, fields
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class GoalArguments(PlantArguments, ScanArguments):
+    """What an environment among obstacles takes."""
+
+    scenario: Any = argument(
+        "discs", 'a name of `envs.scenarios.GOAL_SCENARIOS`, a family ("clutter_10/train"), or a file'
+    )
+    end_on_success: bool = argument(True, "see Episode end")
+    end_on_contact: bool = argument(True)
+
+    def __post_init__(self) -> None:
+        truth("end_on_success", self.end_on_success)
+        truth("end_on_contact", self.end_on_contact)
+        if not self.end_on_contact and self.dynamics == "kinematic":
+            raise ValueError('end_on_contact=False needs dynamics="pymunk": without forces no contact can be survived')
+
+
 class GoalReaching(Task):
     """The goal-reaching task of one robot on a bank of obstacle fields."""
 
@@ -424,19 +440,11 @@ class GoalReaching(Task):
     param_fields: ClassVar[list[Any]] = PARAMS
     further: Mapping[str, Any] = MappingProxyType({})  # the values of those that are another task's
 
-    def __init__(
-        self,
-        scenario: str,
-        options: Options,
-        num_beams: int | None,
-        field_of_view: float | None,
-        max_range: float | None,
-        **params: Any,
-    ) -> None:
-        scan = options.robot.sensors
-        num_beams = scan.beams if num_beams is None else num_beams
-        field_of_view = scan.angle if field_of_view is None else field_of_view
-        max_range = scan.range if max_range is None else max_range
+    def __init__(self, arguments: ScanArguments, options: Options) -> None:
+        scan, scenario = options.robot.sensors, arguments.scenario
+        num_beams = scan.beams if arguments.num_beams is None else arguments.num_beams
+        field_of_view = scan.angle if arguments.field_of_view is None else arguments.field_of_view
+        max_range = scan.range if arguments.max_range is None else arguments.max_range
         whole("num_beams", num_beams, 0)
         positive("max_range", max_range, least=SHORTEST)
         positive("field_of_view", field_of_view, most=MOST_GAIN)
@@ -465,7 +473,7 @@ class GoalReaching(Task):
         self.params = records.record(
             self.param_fields,
             options.robot_params()
-            | dataclasses.asdict(self.numbers(**params))
+            | dataclasses.asdict(arguments.numbers(self.numbers))
             | {
                 "first_beam": self.beam_angles[0] if num_beams else 0.0,
                 "beam_step": self.beam_angles[1] - self.beam_angles[0] if num_beams > 1 else 2.0 * math.pi,
@@ -601,23 +609,7 @@ class OmniGoalObstacles(SingleEnv):
 
     ## Arguments
 
-    | argument | default | meaning |
-    |---|---|---|
-    | scenario | "discs" | a name of `envs.scenarios.GOAL_SCENARIOS`, a family ("clutter_10/train"), or a file |
-    | robot | "omni3" | {OMNI_ROBOTS} |
-    | dynamics | "kinematic" | "pymunk": mass, wheel slip, contacts, pushable obstacles; "coppelia": see below |
-    | actuators | "ideal" | "lagged": 1 m/s^2, 3 rad/s^2, lag 0.1 s, or the data sheet's; "slow": 0.5, 1.5, 0.25 |
-    | action_mode | "twist" | "twist" or "wheel_speeds" |
-    | noise | 0.0 | scales standard deviations: position 0.01 m, heading 0.01 rad, encoders 2 %, ranges 0.01 m |
-    | pose_source | "ground_truth" | or "odometry", "odometry_uncorrected", "odometry_plain_sum": see below |
-    | shove | None | (t, dx, dy, turn): the pose is displaced at time t, in the world frame, up to contact |
-    | disturbance | "none" | "light", "moderate", "strong", "severe", or one cause: see `envs.robots.disturbances` |
-    | num_beams, field_of_view, max_range | as the robot's | the range scan; 32, 2 pi, 5 m where no data sheet says so |
-    | end_on_success, end_on_contact | True, True | see Episode end |
-    | render_mode, frame_size | None, (640, 640) | "rgb_array" or "human"; width and height of the frames, px |
-    | address | None | host:port of the CoppeliaSim; None: $WAYFIELD_COPPELIA, or localhost:23000 |
-
-    The vector environment takes `autoreset_mode="NextStep"|"SameStep"` and `num_threads=1` besides.
+    {told(GoalArguments, holonomic=True)}
 
     ## Odometry and wheels
 
@@ -628,57 +620,9 @@ class OmniGoalObstacles(SingleEnv):
     * v0: first version.
     """
 
-    robots: ClassVar[tuple[str, ...]] = robots_with(holonomic=True)  # the first is the default
+    arguments = GoalArguments
     asks: ClassVar[type[GoalReaching]] = GoalReaching
-
-    def __init__(
-        self,
-        scenario: str = "discs",
-        robot: AnyRobot | None = None,
-        dynamics: str = "kinematic",
-        actuators: str = "ideal",
-        action_mode: str = "twist",
-        noise: float = 0.0,
-        pose_source: str = "ground_truth",
-        shove: tuple[float, float, float, float] | None = None,
-        disturbance: str = "none",
-        num_beams: int | None = None,
-        field_of_view: float | None = None,
-        max_range: float | None = None,
-        end_on_success: bool = True,
-        end_on_contact: bool = True,
-        render_mode: str | None = None,
-        frame_size: tuple[int, int] = FRAME_SIZE,
-        address: str | None = None,
-    ) -> None:
-        truth("end_on_success", end_on_success)
-        truth("end_on_contact", end_on_contact)
-        if not end_on_contact and dynamics == "kinematic":
-            raise ValueError('end_on_contact=False needs dynamics="pymunk": without forces no contact can be survived')
-        super().__init__(
-            self.asks(
-                scenario,
-                Options.of(
-                    self.robots,
-                    robot=robot,
-                    dynamics=dynamics,
-                    actuators=actuators,
-                    action_mode=action_mode,
-                    noise=noise,
-                    pose_source=pose_source,
-                    shove=shove,
-                    disturbance=disturbance,
-                    address=address,
-                ),
-                num_beams,
-                field_of_view,
-                max_range,
-                end_on_success=int(end_on_success),
-                end_on_contact=int(end_on_contact),
-            ),
-            render_mode,
-            frame_size,
-        )
+    robots = robots_with(holonomic=True)
 
 
 class OmniGoalObstaclesVector(NativeVectorEnv):
@@ -716,11 +660,8 @@ class DiffDriveGoalObstacles(OmniGoalObstacles):
                 | 8 | waypoints_left | before the goal | 0 | inf | |
                 | 9, ... | ranges | right to left over `field_of_view`, a full circle from behind | 0 | max_range | m |
             """,
+            "Arguments": told(GoalArguments, holonomic=False),
             "Odometry and wheels": DIFF_DRIVE_ODOMETRY,
-        },
-        {
-            "robot": f'"p3dx" | {DIFF_DRIVE_ROBOTS}',
-            "pose_source": '"ground_truth" | or "odometry"',
         },
     )
 

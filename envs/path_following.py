@@ -8,19 +8,18 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs.robots import AnyRobot, records, robots_with, sensing
+from wayfield.envs.robots import records, robots_with, sensing
 from wayfield.envs.robots.kinematics import to_body_frame
 from wayfield.envs.scenarios import TASKS, PathScenario, path_scenarios
-from wayfield.envs.single import FRAME_SIZE, SingleEnv
+from wayfield.envs.single import SingleEnv
+from wayfield.envs.tasks.arguments import PlantArguments, argument, told
 from wayfield.envs.tasks.briefing import Course
 from wayfield.envs.tasks.observation import Field, Layout
 from wayfield.envs.tasks.sheets import (
     DIFF_DRIVE_ACTIONS,
     DIFF_DRIVE_ODOMETRY,
-    DIFF_DRIVE_ROBOTS,
     OMNI_ACTIONS,
     OMNI_ODOMETRY,
-    OMNI_ROBOTS,
     sheet_like,
 )
 from wayfield.envs.tasks.specs import TaskSpec
@@ -311,6 +310,18 @@ def _laid_out(scenarios: tuple[PathScenario, ...]) -> tuple[NDArray[np.void], Pa
 _MOST_KEPT = 100_000  # points, 5 MB: longer paths are the user's own, and laid out anew
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PathArguments(PlantArguments):
+    """What an environment on paths takes."""
+
+    scenario: Any = argument(
+        "random_splines", 'a name of `envs.scenarios.PATH_SCENARIOS`, a family ("circuits/train"), or a file'
+    )
+    scale: float = argument(1.0, "multiplies the path's coordinates")
+    num_preview: int = argument(10, "the preview; longer than a closed path it goes round again")
+    preview_spacing: float = argument(0.1, shown="0.1 m")
+
+
 class PathFollowing(Task):
     """The path-following task of one robot on a bank of paths."""
 
@@ -323,11 +334,11 @@ class PathFollowing(Task):
     belongs_to: ClassVar[TaskSpec] = TASKS["path_following"]
     numbers: ClassVar[type[Params]] = Params
 
-    def __init__(self, scenario: str, options: Options, scale: float = 1.0, **params: Any) -> None:
-        self.scenarios: tuple[PathScenario, ...] = path_scenarios(scenario, scale, self.belongs_to)
+    def __init__(self, arguments: PathArguments, options: Options) -> None:
+        self.scenarios: tuple[PathScenario, ...] = path_scenarios(arguments.scenario, arguments.scale, self.belongs_to)
         self.options = options
         self.robot = options.robot
-        self.task_params = self.numbers(**params)
+        self.task_params = arguments.numbers(self.numbers)
         courses, pool = _courses_and_paths(self.scenarios)
         self.pool = pool
         self.layout = Observation.layout(len(self.robot.twist_axes), self.task_params.num_preview, self.belongs_to)
@@ -451,23 +462,7 @@ class DiffDrivePathFollowing(SingleEnv):
 
     ## Arguments
 
-    | argument | default | meaning |
-    |---|---|---|
-    | scenario | "random_splines" | a name of `envs.scenarios.PATH_SCENARIOS`, a family ("circuits/train"), or a file |
-    | robot | "p3dx" | {DIFF_DRIVE_ROBOTS} |
-    | dynamics | "kinematic" | "pymunk": mass, wheel slip, contacts; "coppelia": a running CoppeliaSim (p3dx) |
-    | actuators | "ideal" | "lagged": 1 m/s^2, 3 rad/s^2, lag 0.1 s, or the data sheet's; "slow": 0.5, 1.5, 0.25 |
-    | action_mode | "twist" | "twist" or "wheel_speeds" |
-    | noise | 0.0 | scales standard deviations: position 0.01 m, heading 0.01 rad, encoders 2 % |
-    | pose_source | "ground_truth" | or "odometry" |
-    | shove | None | (t, dx, dy, turn): the pose is displaced at time t, in the world frame |
-    | disturbance | "none" | "light", "moderate", "strong", "severe", or one cause: see `envs.robots.disturbances` |
-    | scale | 1.0 | multiplies the path's coordinates |
-    | num_preview, preview_spacing | 10, 0.1 m | the preview; longer than a closed path it goes round again |
-    | render_mode, frame_size | None, (640, 640) | "rgb_array" or "human"; width and height of the frames, px |
-    | address | None | host:port of the CoppeliaSim; None: $WAYFIELD_COPPELIA, or localhost:23000 |
-
-    The vector environment takes `autoreset_mode="NextStep"|"SameStep"` and `num_threads=1` besides.
+    {told(PathArguments, holonomic=False)}
 
     ## Odometry and wheels
 
@@ -478,49 +473,9 @@ class DiffDrivePathFollowing(SingleEnv):
     * v0: first version.
     """
 
-    robots: ClassVar[tuple[str, ...]] = robots_with(holonomic=False)  # the first is the default
+    arguments = PathArguments
     asks: ClassVar[type[PathFollowing]] = PathFollowing
-
-    def __init__(
-        self,
-        scenario: str = "random_splines",
-        robot: AnyRobot | None = None,
-        dynamics: str = "kinematic",
-        actuators: str = "ideal",
-        action_mode: str = "twist",
-        noise: float = 0.0,
-        pose_source: str = "ground_truth",
-        shove: tuple[float, float, float, float] | None = None,
-        disturbance: str = "none",
-        scale: float = 1.0,
-        num_preview: int = 10,
-        preview_spacing: float = 0.1,
-        render_mode: str | None = None,
-        frame_size: tuple[int, int] = FRAME_SIZE,
-        address: str | None = None,
-    ) -> None:
-        super().__init__(
-            self.asks(
-                scenario,
-                Options.of(
-                    self.robots,
-                    robot=robot,
-                    dynamics=dynamics,
-                    actuators=actuators,
-                    action_mode=action_mode,
-                    noise=noise,
-                    pose_source=pose_source,
-                    shove=shove,
-                    disturbance=disturbance,
-                    address=address,
-                ),
-                scale,
-                num_preview=num_preview,
-                preview_spacing=preview_spacing,
-            ),
-            render_mode,
-            frame_size,
-        )
+    robots = robots_with(holonomic=False)
 
 
 class DiffDrivePathFollowingVector(NativeVectorEnv):
@@ -560,11 +515,8 @@ class OmniPathFollowing(DiffDrivePathFollowing):
                 All fields follow from the measured pose: with `pose_source="odometry"` or noise they err together, as
                 on a robot.
             """,
+            "Arguments": told(PathArguments, holonomic=True),
             "Odometry and wheels": OMNI_ODOMETRY,
-        },
-        {
-            "robot": f'"omni3" | {OMNI_ROBOTS}',
-            "pose_source": '"ground_truth" | or "odometry", "odometry_uncorrected", "odometry_plain_sum": see below',
         },
     )
 

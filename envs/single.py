@@ -1,8 +1,8 @@
 """The gymnasium.Env shell: a batch of one robot."""
 
-import inspect
+import dataclasses
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
@@ -10,6 +10,7 @@ from numpy import empty, float32, ndarray
 from numpy.typing import NDArray
 
 from wayfield.envs.batch import Batch, Results
+from wayfield.envs.tasks.arguments import Arguments
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.envs.tasks.task import CONTROL_PERIOD, Task
 from wayfield.system.checks import choose, refuse, shown, suggestion, whole
@@ -17,7 +18,6 @@ from wayfield.system.checks import seed as check_seed
 
 Array = NDArray[np.float32]
 FPS = round(1.0 / CONTROL_PERIOD)
-FRAME_SIZE = (640, 640)  # px, width and height
 _LEAST_SIDE, _MOST_SIDE = 32, 4096  # px
 
 
@@ -34,9 +34,19 @@ class SingleEnv(gymnasium.Env[Any, Any]):
         check_keywords(cls, kwargs)
         return super().__new__(cls)
 
-    def __init__(self, task: Task, render_mode: str | None, frame_size: tuple[int, int] = FRAME_SIZE) -> None:
-        self.task = task
-        self._choose_frames(render_mode, frame_size)
+    arguments: ClassVar[type[Arguments]]
+    asks: ClassVar[type[Task]]
+    robots: ClassVar[tuple[str, ...]]  # the first is the default
+
+    def __init__(self, **named: Any) -> None:
+        arguments = self.arguments(**named)
+        self.task = self.asks(arguments, arguments.options(self.robots))
+        self._choose_frames(arguments.render_mode, arguments.frame_size)
+        self._lay_out()
+
+    def _lay_out(self) -> None:
+        """Makes the spaces and what a step needs."""
+        task = self.task
         self.observation_space = task.layout.space
         most = task.options.max_action.astype(np.float32)
         self.action_space = gymnasium.spaces.Box(-most, most, dtype=np.float32)
@@ -178,10 +188,10 @@ def check_keywords(env: Callable[..., SingleEnv], keywords: Iterable[str], furth
         env: the class.
         further: keywords that are taken beside those of the class.
     """
-    taken = inspect.signature(env).parameters
-    if any(each.kind is each.VAR_KEYWORD for each in taken.values()):  # a subclass of the user's, which will say so
+    if getattr(env, "__init__", None) is not SingleEnv.__init__:  # a subclass of the user's will say so itself
         return
-    known = (*taken, *further)
+    fields = dataclasses.fields(env.arguments)  # type: ignore[attr-defined]
+    known = (*(each.name for each in fields), *further)
     for word in keywords:
         if word not in known:
             # what gymnasium.make takes itself is no keyword of the class, but what some mean

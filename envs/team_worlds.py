@@ -1,5 +1,6 @@
 """Teams: several robots in one world, each with a goal of its own, that see each other, among people."""
 
+import dataclasses
 import functools
 import itertools
 import math
@@ -58,6 +59,7 @@ from wayfield.envs.scenarios.bank import field_scenarios
 from wayfield.envs.scenarios.recordings import is_recording, recorded
 from wayfield.envs.scenarios.scenario import GoalScenario
 from wayfield.envs.scenarios.team_scenario import TeamScenario, check_team
+from wayfield.envs.tasks.arguments import ScanArguments, argument
 from wayfield.envs.tasks.observation import Field, Layout
 from wayfield.envs.tasks.specs import CROWDS, TASKS, TaskSpec
 from wayfield.envs.tasks.stepping import Outputs, Robots, Turn, drawn_scenario, places, step_worlds
@@ -618,19 +620,38 @@ def reset_rows(
 # ---- the task
 
 
-class Teams(GoalReaching):
-    """The task of a team of robots on a bank of worlds: a row is robot i mod n of world i div n.
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TeamArguments(ScanArguments):
+    """What an environment of several bodies takes."""
 
-    Args:
-        team: robots of a world; None: as many as the scenario has.
-        ends: "leave": a robot whose episode has ended waits until its world begins anew; "respawn": it begins anew in
-            the running world.
-        sees: "scan", or "bodies" besides.
-        parks: whether robots that have arrived stay in the world.
-        sight: m, within which bodies are observed.
-        visible: whether people see robots; None: as the scenario says.
-        people: the name of a law of LAWS for all people; None: as the scenario says.
-    """
+    scenario: Any = argument(
+        "circle_8", 'a family ("doorway_4/test"), `TeamScenario`s; for one robot also any of goal reaching'
+    )
+    team: int | None = argument(None, "robots of a world, at most those of the scenario; None: all")
+    sees: str = argument("scan", 'or "bodies" besides')
+    ends: str = argument("leave", 'or "respawn": see Episode end')
+    parks: bool = argument(False, "whether who has arrived stays")
+    sight: float = argument(5.0, "m, within which bodies are observed")
+    visible: bool | None = argument(None, "whether people see robots; None: as the scenario says")
+    people: str | None = argument(
+        None, "the law of all who walk, of `wayfield.envs.crowds.people.LAWS`; None: as the scenario says"
+    )
+
+    def __post_init__(self) -> None:
+        choose("ends", self.ends, ENDS)
+        choose("sees", self.sees, SEES)
+        truth("parks", self.parks)
+        if self.visible is not None:
+            truth("visible", self.visible)
+        if self.people is not None:
+            choose("people", self.people, [name for name in LAWS if LAWS[name] != REPLAY])
+        positive("sight", self.sight, most=LONGEST)
+        if self.team is not None:
+            whole("team", self.team, 1)
+
+
+class Teams(GoalReaching):
+    """The task of a team of robots on a bank of worlds: a row is robot i mod n of world i div n."""
 
     state_dtype = STATE
     info_names = TEAM_INFO
@@ -640,47 +661,22 @@ class Teams(GoalReaching):
     belongs_to = CROWDS["teams"]
     param_fields = PARAMS
 
-    def __init__(
-        self,
-        scenario: Any,
-        options: Options,
-        num_beams: int | None,
-        field_of_view: float | None,
-        max_range: float | None,
-        team: int | None = None,
-        ends: str = "leave",
-        sees: str = "scan",
-        parks: bool = False,
-        sight: float = 5.0,
-        visible: bool | None = None,
-        people: str | None = None,
-        cells_from: int = CELLS_FROM,
-        **numbers: Any,
-    ) -> None:
-        choose("ends", ends, ENDS)
-        choose("sees", sees, SEES)
-        truth("parks", parks)
-        if visible is not None:
-            truth("visible", visible)
-        if people is not None:
-            choose("people", people, [name for name in LAWS if LAWS[name] != REPLAY])
-        positive("sight", sight, most=LONGEST)
-        if team is not None:
-            whole("team", team, 1)
-        self._asked_team, self._sees, self._visible, self._law = team, sees, visible, people
-        self.ends, self.parks = ends, parks
+    def __init__(self, arguments: TeamArguments, options: Options) -> None:
+        self._asked, self.ends, self.parks = arguments, arguments.ends, arguments.parks
         self._set = {
-            "sight": float(sight),
-            "sees_bodies": sees == "bodies",
-            "parks": parks,
-            "respawns": ends == "respawn",
-            "cells_from": cells_from,
+            "sight": float(arguments.sight),
+            "sees_bodies": arguments.sees == "bodies",
+            "parks": arguments.parks,
+            "respawns": arguments.ends == "respawn",
+            "cells_from": CELLS_FROM,
         }
-        super().__init__(scenario, options, num_beams, field_of_view, max_range, **numbers)
-        if ends == "respawn":
+        super().__init__(arguments, options)
+        if self.ends == "respawn":
             self.draws = goal_reaching.DRAWS + DRAWS_EACH * CANDIDATES
             if self.params["moving"][0]:
-                raise ValueError(f'ends="respawn" needs a scenario in which nothing patrols, got {shown(scenario)}')
+                raise ValueError(
+                    f'ends="respawn" needs a scenario in which nothing patrols, got {shown(arguments.scenario)}'
+                )
         walks = np.zeros((len(self.scenarios), self.most_people), WALK)
         tracks = {id(each.tracks): each.tracks for each in self.scenarios}  # those of a recording share one array
         begins = dict(zip(tracks, itertools.accumulate(map(len, tracks.values()), initial=0), strict=False))
@@ -720,8 +716,8 @@ class Teams(GoalReaching):
             found = tuple(TeamScenario(each.name, (each,), tier=each.tier, family=each.family) for each in goals)
         if not found:
             raise ValueError("scenario must be a name or at least one TeamScenario, got none")
-        team = self._asked_team or found[0].team
-        return tuple(each.of(team).walked(self._visible, self._law) for each in found)
+        team = self._asked.team or found[0].team
+        return tuple(each.of(team).walked(self._asked.visible, self._asked.people) for each in found)
 
     def _families(self) -> list[str]:
         return [name for spec in CROWDS.values() for name in (*spec.presets, *spec.families)]
@@ -779,7 +775,7 @@ class Teams(GoalReaching):
 
     def observed(self, num_beams: int, max_range: float) -> Layout[Any]:
         """Returns the layout of what a robot observes."""
-        kind = Observation if self._sees == "bodies" else goal_reaching.Observation
+        kind = Observation if self._asked.sees == "bodies" else goal_reaching.Observation
         return kind.layout(len(self.robot.twist_axes), num_beams, max_range, self.belongs_to)
 
     def own_arrays(self, num_envs: int) -> tuple[NDArray[Any], ...]:

@@ -12,11 +12,11 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from wayfield.envs.batch import Batch, Results
-from wayfield.envs.robots import AnyRobot, robots_with
-from wayfield.envs.single import FRAME_SIZE, SingleEnv
-from wayfield.envs.tasks.sheets import DIFF_DRIVE_ACTIONS, DIFF_DRIVE_ROBOTS, OMNI_ACTIONS, OMNI_ROBOTS, sheet_like
-from wayfield.envs.tasks.task import Options
-from wayfield.envs.team_worlds import Teams
+from wayfield.envs.robots import robots_with
+from wayfield.envs.single import SingleEnv
+from wayfield.envs.tasks.arguments import told
+from wayfield.envs.tasks.sheets import DIFF_DRIVE_ACTIONS, OMNI_ACTIONS, sheet_like
+from wayfield.envs.team_worlds import TeamArguments, Teams
 from wayfield.envs.vector import NativeVectorEnv, Seeds
 from wayfield.system.checks import seed as check_seed
 
@@ -119,14 +119,13 @@ class TeamEnv(SingleEnv):
     """
 
     task: Teams
+    rows: TeamRows | None
 
-    def __init__(self, task: Teams, render_mode: str | None, frame_size: tuple[int, int] = FRAME_SIZE) -> None:
-        self.rows: TeamRows | None = None
+    def _lay_out(self) -> None:
+        task, self.rows = self.task, None
         if task.team == 1:
-            super().__init__(task, render_mode, frame_size)
+            super()._lay_out()
             return
-        self.task = task
-        self._choose_frames(render_mode, frame_size)
         most = task.options.max_action.astype(np.float32)
         self.rows = TeamRows(task, task.team)
         self.batch = self.rows.batch
@@ -335,71 +334,16 @@ class OmniTeam(TeamEnv):
 
     ## Arguments
 
-    | argument | default | meaning |
-    |---|---|---|
-    | scenario | "circle_8" | a family ("doorway_4/test"), `TeamScenario`s; for one robot also any of goal reaching |
-    | team | None | robots of a world, at most those of the scenario; None: all |
-    | sees | "scan" | or "bodies" besides |
-    | ends | "leave" | or "respawn": see Episode end |
-    | parks | False | whether who has arrived stays |
-    | sight | 5.0 | m, within which bodies are observed |
-    | visible | None | whether people see robots; None: as the scenario says |
-    | people | None | the law of all who walk, of `wayfield.envs.crowds.people.LAWS`; None: as the scenario says |
-    | robot | "omni3" | {OMNI_ROBOTS} |
-    | actuators, action_mode, noise, pose_source, shove, disturbance | as of goal reaching | |
-    | num_beams, field_of_view, max_range | as the robot's | the range scan |
-    | render_mode, frame_size | None, (640, 640) | "rgb_array" or "human"; width and height of the frames, px |
-
-    The vector environment takes `autoreset_mode="NextStep"|"SameStep"` and `num_threads=1` besides.
+    {told(TeamArguments, holonomic=True)}
 
     ## Version history
 
     * v0: first version.
     """
 
-    robots: ClassVar[tuple[str, ...]] = robots_with(holonomic=True)  # the first is the default
+    arguments = TeamArguments
     asks: ClassVar[type[Teams]] = Teams
-
-    def __init__(
-        self,
-        scenario: Any = "circle_8",
-        team: int | None = None,
-        sees: str = "scan",
-        ends: str = "leave",
-        parks: bool = False,
-        sight: float = 5.0,
-        visible: bool | None = None,
-        people: str | None = None,
-        robot: AnyRobot | None = None,
-        actuators: str = "ideal",
-        action_mode: str = "twist",
-        noise: float = 0.0,
-        pose_source: str = "ground_truth",
-        shove: tuple[float, float, float, float] | None = None,
-        disturbance: str = "none",
-        num_beams: int | None = None,
-        field_of_view: float | None = None,
-        max_range: float | None = None,
-        render_mode: str | None = None,
-        frame_size: tuple[int, int] = FRAME_SIZE,
-    ) -> None:
-        options = Options.of(
-            self.robots,
-            robot=robot,
-            dynamics="kinematic",
-            actuators=actuators,
-            action_mode=action_mode,
-            noise=noise,
-            pose_source=pose_source,
-            shove=shove,
-            disturbance=disturbance,
-            address=None,
-        )
-        scan = (num_beams, field_of_view, max_range)
-        crowd: dict[str, Any] = {"team": team, "sees": sees, "ends": ends, "parks": parks, "sight": sight}
-        super().__init__(
-            self.asks(scenario, options, *scan, **crowd, visible=visible, people=people), render_mode, frame_size
-        )
+    robots = robots_with(holonomic=True)
 
 
 class OmniTeamVector(TeamVectorEnv):
@@ -413,8 +357,10 @@ class DiffDriveTeam(OmniTeam):
     __doc__ = sheet_like(
         OmniTeam,
         "A team of differential drives in one world, each with a goal of its own.",
-        {"Action space": f"A row a robot of {DIFF_DRIVE_ACTIONS}"},
-        {"robot": f'"p3dx" | {DIFF_DRIVE_ROBOTS}'},
+        {
+            "Action space": f"A row a robot of {DIFF_DRIVE_ACTIONS}",
+            "Arguments": told(TeamArguments, holonomic=False),
+        },
     )
 
     robots = robots_with(holonomic=False)

@@ -3,19 +3,12 @@
 import inspect
 import re
 from collections.abc import Mapping
-from typing import Any
 
 from wayfield.envs.robots import ROBOTS, robots_with
 
 # Sections are indented like the docstrings that they are put into.
 BEYOND_BOUNDS = """Values beyond the bounds are allowed: the base scales all wheels by one factor,
     which keeps the direction of motion. Non-finite values, other shapes and other types are errors."""
-
-
-def _names(holonomic: bool) -> str:
-    """Returns what an environment's argument `robot` may be."""
-    names = ", ".join(f'"{name}"' for name in robots_with(holonomic))
-    return f"{names}, a data sheet (.json) of your own, or a `wayfield.envs.robots.Robot`"
 
 
 def _actions(holonomic: bool) -> str:
@@ -33,8 +26,6 @@ def _actions(holonomic: bool) -> str:
         rows.append(f"| {k} | {asked} | {' | '.join(bounds)} | {wheels[k]} | {' | '.join(speeds)} |")
     return "\n    ".join(rows)
 
-
-DIFF_DRIVE_ROBOTS, OMNI_ROBOTS = _names(False), _names(True)
 
 DIFF_DRIVE_ACTIONS = f"""`Box(2,)` float32, with these bounds by `action_mode`. {BEYOND_BOUNDS}
 
@@ -54,25 +45,14 @@ OMNI_ODOMETRY = """"odometry" reads the two passive encoder wheels and the IMU o
     tiers the bounds of the action space hold."""
 
 
-def signature_like(other: type, **defaults: Any) -> inspect.Signature:
-    """Returns the signature of another registered class, but for the defaults of some arguments."""
-    signature = inspect.signature(other)
-    changed = [
-        each.replace(default=defaults[name]) if name in defaults else each
-        for name, each in signature.parameters.items()
-    ]
-    return signature.replace(parameters=changed)
-
-
-def sheet_like(other: type, summary: str, sections: Mapping[str, str], arguments: Mapping[str, str]) -> str:
+def sheet_like(other: type, summary: str, sections: Mapping[str, str]) -> str:
     """Returns a registered class's docstring: the whole sheet of another class but for what is not alike.
 
     Args:
         sections: the text of the sections that are not, by heading; all keep their order.
-        arguments: the rest of the row of each argument that is not, by the argument's name.
 
     Raises:
-        ValueError: if the other sheet has no such section or argument.
+        ValueError: if the other sheet has no such section.
     """
     if other.__doc__ is None:  # python -OO
         return summary
@@ -82,10 +62,4 @@ def sheet_like(other: type, summary: str, sections: Mapping[str, str], arguments
         if heading not in sheet:
             raise ValueError(f"the sheet of {other.__name__} has no section {heading!r}, only {', '.join(sheet)}")
         sheet[heading] = inspect.cleandoc(text)
-    for name, rest in arguments.items():
-        sheet["Arguments"], rows = re.subn(
-            rf"^\| {name} \|.*$", f"| {name} | {rest} |", sheet["Arguments"], flags=re.MULTILINE
-        )
-        if rows != 1:
-            raise ValueError(f"the sheet of {other.__name__} has {rows} rows for the argument {name!r}, not one")
     return "\n\n".join([summary, *(f"## {heading}\n\n{text.strip()}" for heading, text in sheet.items())]) + "\n"

@@ -183,6 +183,9 @@ class Task(abc.ABC):
     fields: NDArray[np.void] | None = None
     shared_obstacles: NDArray[np.void] | None = None
 
+    @abc.abstractmethod
+    def __init__(self, arguments: Any, options: Options) -> None: ...
+
     def __deepcopy__(self, memo: dict[int, Any]) -> "Task":
         """Returns the task itself: it never changes, and the maps of its bank are large."""
         del memo
