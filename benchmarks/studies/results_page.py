@@ -567,8 +567,8 @@ def advised(kept: Kept) -> list[tuple[str, str, str, Mapping[str, str], str]]:
 SAID = {
     "the error counts": "smooth paths",
     "corners": "paths with corners",
-    "what stands around stands still": "still",
-    "others move": "moving",
+    "obstacles are static": "still",
+    "obstacles move": "moving",
     "the space is free": "nothing around",
     "at a wall": "at a wall or in a berth",
 }
