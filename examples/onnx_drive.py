@@ -28,22 +28,19 @@ class Driver:
     """Drives by a graph, from the beginning of an episode; `reset` at the next.
 
     The base accelerates by at most `acceleration` (m/s^2) and `yaw_acceleration` (rad/s^2), and lags by `lag` (s).
-    Where the card says how fast a path follower drove on the actuators `tier` when it was told a speed, it is told the
-    one of which the card's comes as the mean.
+    A path follower makes up what it is late by in `pace_time` (s), and so holds the speed of its card as the mean.
     """
 
-    def __init__(self, file, acceleration=1.0, yaw_acceleration=3.0, lag=0.1, tier="lagged"):
+    def __init__(self, file, acceleration=1.0, yaw_acceleration=3.0, lag=0.1, pace_time=2.0):
         self.acceleration, self.yaw_acceleration, self.lag = acceleration, yaw_acceleration, lag
         self.session = onnxruntime.InferenceSession(str(file))
         self.card = json.loads(self.session.get_modelmeta().custom_metadata_map["card"])
-        self.f, self.speed = self.card["features"], self.card["speed"]
-        if cruise := self.card.get("cruises", {}).get(tier):
-            told, driven = zip(*cruise, strict=True)
-            self.speed = float(np.interp(self.speed, (0.0, *driven), (0.0, *told)))
+        self.f, self.speed, self.pace_time = self.card["features"], self.card["speed"], pace_time
         self.see = self.path if self.card["task"] == "path_following" else self.goal
         self.reset()
 
     def reset(self):
+        self.late, self.driven = -self.card["dt"] * self.card["speed"], 0.0  # m, and m/s the last time
         self.acted = np.zeros((self.f["previous"], 2))  # the latest first
         self.seen = deque([0.0] * ((self.f["frames"] - 1) * self.f["stride"]))  # the latest first
         self.points = None  # that trail behind
@@ -81,6 +78,11 @@ class Driver:
     def path(self, o):
         """Of a path follower: pose, twist, cross-track error, heading error, arc length, preview (n, 2)."""
         f, twist, e, turned, preview = self.f, o[3:5], o[5], o[6], o[8:].reshape(-1, 2)
+        asked, driven = self.card["speed"], abs(twist[0])
+        self.late += self.card["dt"] * (asked - 0.5 * (driven + self.driven))
+        self.driven = driven
+        most = max(asked, *self.card["trained_on"]["speeds"])
+        self.speed = np.clip(asked + self.late / self.pace_time, 0.5 * asked, most)
         head = [np.arcsinh(e / f["error_scale"]), clip(e / (10 * f["error_scale"])), np.sin(turned), np.cos(turned)]
         # the turns of the path from point to point, from the nearest one on
         steps = np.diff(np.vstack([[-e * np.sin(turned), -e * np.cos(turned)], preview]), axis=0)

@@ -693,7 +693,7 @@ def network_recipe(
         "make": {"name": name, "gains": {"seed": seed}},
         "network": True,
         "knows": policy.knows,
-        "speed": network_speed(agent.card, pilot.briefing, agent.speed),
+        "speed": agent.speed if agent.keeps_pace else network_speed(agent.card, pilot.briefing, agent.speed),
         "kind": agent.actions.kind,
         "yaw_rate": agent.actions.yaw_rate,
         "reverse": agent.actions.reverse,
@@ -724,6 +724,9 @@ def network_recipe(
     if "fill_goal" in calls:
         goal = calls["fill_goal"]
         told |= {"max_range": float(goal["max_range"]), "pool": int(goal["pool"]), "ahead": bool(goal["ahead"])}
+    if agent.keeps_pace:
+        most = max(agent.card["trained_on"]["speeds"])
+        told["pace"] = {"time": agent.pace_time, "most": most, "dt": pilot.briefing.dt}
     if features.posed:
         told |= {"posed": features.posed, "rest": features.rest, "rest_turn": features.rest_turn}
     if "fill_bodies" in calls:

@@ -65,6 +65,7 @@ _SINCE: Mapping[str, Mapping[str, Any]] = {
 _ACTIONS_SINCE = {"reverse": 0.0}
 MOST_LAYERS, MOST_WIDTH = 32, 2**14  # of a network, so that its size is known to be sane before memory is taken
 ACTIVATIONS = ("tanh", "relu")
+PACE_TIME = 2.0  # s, in which an agent that is loaded makes up what it is late by, on a path
 CARD, WEIGHTS = "card.json", "weights.safetensors"
 _NEXT = "weights.next.safetensors"  # the weights of the card, until they take the place of those before
 
@@ -157,9 +158,10 @@ class Agent(Gains):
     what the controller knows, and keeps the controller's memory too. Drives the robot and the preview that its card
     names, by any scan that can be read as the card's, and refuses others.
 
-    Where the card of a path follower says how fast it drove when it was told a speed (`cruises`), the network is told
-    the one of which the asked one comes as the mean (`network_speed`): as a controller's cruising speed is tuned. That
-    is the mean over training paths; with `pace_time` it holds the asked mean on the path at hand (`kept_pace`).
+    With `pace_time` a path follower holds the asked speed as the mean on the path at hand, where its base can
+    (`kept_pace`). Without, and where its card says how fast it drove when it was told a speed (`cruises`), the network
+    is told the one of which the asked one comes as the mean over training paths (`network_speed`), as a controller's
+    cruising speed is tuned: sharp corners are among those, so that on a circuit it is a tenth too fast.
 
     A base that is quicker than those that it was trained on is driven as the quickest of those (`effective_actuators`,
     `hold`); one that is slower, so slowly that it stops on the same way (`network_speed`). Of what else is new, it
@@ -171,9 +173,9 @@ class Agent(Gains):
     features: Features
     actions: Actions
     card: Mapping[str, Any]
-    speed: float = gain(0.6, "m/s", "the mean, where its card has `cruises`, else the most that it drives", above=0.0)
+    speed: float = gain(0.6, "m/s", "the mean on a path, with `cruises` or `pace_time`; else the most", above=0.0)
     base: Base | None = None
-    pace_time: float = gain(0.0, "s", "in which it makes up what it is late by, on a path; 0: it does not", least=0.0)
+    pace_time: float = gain(0.0, "s", "in which it makes up what it is late by, on a path; 0: never", least=0.0)
 
     @property
     def knows(self) -> str:
@@ -497,6 +499,8 @@ def _shipped(folder: pathlib.Path, name: str = "goal_reaching_p3dx") -> None:
 def load_agent(folder: str | os.PathLike[str], **gains: Any) -> Agent:
     """Returns the agent of a folder; `speed` (m/s) may take the place of the one it was trained for.
 
+    A path follower makes up what it is late by in PACE_TIME; `pace_time` (s) may take its place.
+
     Only numbers and text are read: no code of the folder runs.
 
     Raises:
@@ -517,7 +521,8 @@ def load_agent(folder: str | os.PathLike[str], **gains: Any) -> Agent:
     features, actions = card_features(card, folder / CARD)
     base = card_base(card, folder / CARD)
     try:
-        return Agent(network, features, actions, card, **({"speed": card["speed"], "base": base} | gains))
+        gains = {"speed": card["speed"], "base": base, "pace_time": PACE_TIME} | gains
+        return Agent(network, features, actions, card, **gains)
     except ValueError as error:
         raise ValueError(f"{folder / CARD}: {error}") from None
 

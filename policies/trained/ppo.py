@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from wayfield.envs import goal_reaching, path_following
 from wayfield.envs.robots import Robot
 from wayfield.envs.tasks.briefing import Briefing
-from wayfield.policies.learned.agent import Agent, body_of, load_agent
+from wayfield.policies.learned.agent import PACE_TIME, Agent, body_of, load_agent
 from wayfield.policies.parts.gain import Gains, gain
 from wayfield.system.checks import LAST_SEED
 
@@ -27,9 +27,9 @@ class Ppo(Gains):
     """
 
     seed: int = gain(0, "1", "of the training run", most=LAST_SEED)
-    speed: float = gain(0.0, "m/s", "the mean, where its card has `cruises`, else the most; 0: as validated", least=0.0)
+    speed: float = gain(0.0, "m/s", "the mean on a path, to a goal the most; 0: as validated", least=0.0)
     home: str = gain("", "", "of training runs, as train.py's --out; '': the agents that ship", words="a folder")
-    pace_time: float = gain(0.0, "s", "in which it makes up what it is late by, on a path; 0: it does not", least=0.0)
+    pace_time: float = gain(PACE_TIME, "s", "in which it makes up what it is late by, on a path; 0: never", least=0.0)
 
     observes: ClassVar[tuple[type, ...]] = (path_following.Observation, goal_reaching.Observation)
     among: ClassVar[str] = ""  # behind the task, in the names of the folders of agents among bodies
@@ -94,12 +94,12 @@ def shipped(task: str, robot: str) -> dict[int, Path]:
 
 
 @functools.lru_cache(maxsize=128)
-def shipped_agent(task: str, robot: str, seed: int, speed: float = 0.0, pace_time: float = 0.0) -> Agent:
+def shipped_agent(task: str, robot: str, seed: int, speed: float = 0.0, pace_time: float = PACE_TIME) -> Agent:
     """Returns the agent of a seed that ships for a task, as `Ppo.agents_of` names it, and robot.
 
     Args:
         speed: m/s, the most that it drives; 0: the one that it was validated at.
-        pace_time: s, in which it makes up what it is late by, on a path; 0: it does not.
+        pace_time: s, in which it makes up what it is late by, on a path; 0: never.
 
     Raises:
         ValueError: if none ships for them, or none of this seed, or its folder is damaged.

@@ -244,6 +244,7 @@ PATCHED = {
     "wayfield.bridges.coppelia.server.MAX_CLIENTS": "a limit of many connections",
     "wayfield.bridges.coppelia.server.MAX_MESSAGE": "a limit of megabytes",
     "wayfield.envs.robots.disturbances.DISTURBANCES.made": "single causes, which no level has",
+    "wayfield.policies.learned.agent.Agent.keeps_pace": "a set does not tell what an agent remembers",
     "wayfield.envs.goal_reaching.field_scenarios": "a thousand starts that no split holds",
     "wayfield.envs.scenarios.splits.FOLDER": "damaged splits, in place of those that ship",
     "wayfield.envs.scenarios.tables.MOST_POINTS": "a limit of millions",

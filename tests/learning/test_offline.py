@@ -16,7 +16,7 @@ pytest.importorskip("pyarrow", reason='needs pip install "wayfield[record]"')
 pytest.importorskip("minari", reason='needs pip install "wayfield[record]"')
 
 from wayfield.benchmarks.recordings import record
-from wayfield.policies.learned.agent import load_agent
+from wayfield.policies.learned.agent import Agent, load_agent
 from wayfield.policies.learned.conditions import commanded_speed
 from wayfield.policies.trained.ppo import shipped
 from wayfield.policies.training import offline
@@ -28,10 +28,11 @@ PRESET = PRESETS["path_following_tiers"]  # of the agents that ship
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Returns the folder of a set that a shipped agent has driven, without exploration."""
+    """Returns the folder of a set that a shipped agent has driven, without exploration or what a set does not tell."""
     home = tmp_path_factory.mktemp("minari")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("MINARI_DATASETS_PATH", str(home))
+        patch.setattr(Agent, "keeps_pace", False)
         words = ["ppo", "--suite", "path-following", "--family", "splines", "--episodes", "3", "--dataset", "mine-v0"]
         result = CliRunner().invoke(record.main, words)
         assert result.exit_code == 0, result.output

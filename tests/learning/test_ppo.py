@@ -104,10 +104,10 @@ def test_a_validation_of_every_third_scenario_is_that_of_those() -> None:
 
 
 @pytest.mark.parametrize(("tier", "speed"), [("lagged", 0.6), ("ideal", 0.6), ("lagged", 0.3)])
-def test_path_followers_hold_the_mean_speed_that_they_are_asked_for(tier: str, speed: float) -> None:
+def test_path_followers_that_make_nothing_up_hold_the_speed_in_the_mean_of_all_paths(tier: str, speed: float) -> None:
     """Within the 3 % by which the tables call a row paced, on paths that were not looked at to find what to tell."""
     found = validate(
-        policies.make("ppo", seed=2, speed=speed),
+        policies.make("ppo", seed=2, speed=speed, pace_time=0.0),
         PATH_ID,
         {"scenario": "all/validation", "actuators": tier},
         4000,
@@ -117,13 +117,19 @@ def test_path_followers_hold_the_mean_speed_that_they_are_asked_for(tier: str, s
     assert found.speed == pytest.approx(speed, rel=0.03)
 
 
-@pytest.mark.parametrize("family", ["circles", "splines"])
-def test_an_agent_that_makes_up_what_it_is_late_by_holds_the_mean_of_a_family(family: str) -> None:
-    """Without, it is told the speed of which the asked one comes as the mean of all families, and these are quicker."""
-    where = {"scenario": f"{family}/validation", "actuators": "lagged"}
-    found = validate(policies.make("ppo", seed=1, speed=0.6, pace_time=4.0), PATH_ID, where, 1200, every=3)
-    assert found.success == 1.0
-    assert found.speed == pytest.approx(0.6, rel=0.02)
+@pytest.mark.parametrize(
+    ("family", "tier", "speed"),
+    [("circuits", "lagged", 0.6), ("circuits", "slow", 0.4), ("splines", "ideal", 0.6), ("circles", "lagged", 0.3)],
+)
+def test_path_followers_hold_the_speed_that_they_are_asked_for_on_the_path_at_hand(
+    family: str, tier: str, speed: float
+) -> None:
+    where = {"scenario": f"{family}/validation", "actuators": tier}
+    folder = shipped("path_following", "p3dx")[1]
+    for policy in (policies.make("ppo", seed=1, speed=speed), load_agent(folder, speed=speed)):
+        found = validate(policy, PATH_ID, where, 2400, every=3)
+        assert found.success == 1.0
+        assert found.speed == pytest.approx(speed, rel=0.03)
 
 
 @pytest.mark.parametrize("slower", [0.0, 0.15, 0.3])

@@ -172,6 +172,7 @@ class Network {
     this.scratch = room(8 * recipe.widest, [2, recipe.widest]);
     this.angles = room(8, [1]);
     this.speeds = doubles([this.speed]);
+    if (recipe.pace) this.pace = { asked: this.speed, late: -recipe.pace.dt * this.speed, driven: 0 };
     this.sizes = { at: simulator.kept(recipe.sizes), shape: [recipe.layers] };
     this.numbers = { at: simulator.kept(recipe.numbers, joined), shape: [recipe.count] };
     this.fields = {};
@@ -209,6 +210,7 @@ class Network {
       const twist = kernels.f64(fields.twist.at, body.axes.length);
       body.axes.forEach((axis, k) => { twist[k] += held[3 + axis] - held[6 + axis]; });
     }
+    if (this.pace) this.keepPace();
     const part = (place, from, count) => ({ at: place.at + 4 * from, shape: [1, count] });
     const seenPart = part(inputs, 0, recipe.width);
     kernels.f64(this.angles.at, 1)[0] = 0;
@@ -286,6 +288,16 @@ class Network {
     if (asked) return this.ended(this.added(asked, actions));
     this.wanted = this.meant(actions); // before the guard, for its overlay
     return this.ended(this.wanted);
+  }
+
+  // `kept_pace`, of one robot: what it is late by is made up.
+  keepPace() {
+    const { pace, recipe: { pace: { time, most, dt } }, simulator: { kernels, body, seen } } = this;
+    const driven = Math.sqrt(Array.from(seen.twist).slice(0, body.axes.length - 1).reduce((sum, v) => sum + v * v, 0));
+    pace.late += dt * (pace.asked - 0.5 * (driven + pace.driven));
+    pace.driven = driven;
+    this.speed = Math.min(Math.max(pace.asked + pace.late / time, 0.5 * pace.asked), Math.max(pace.asked, most));
+    kernels.f64(this.speeds.at, 1)[0] = this.speed;
   }
 
   // What the base asks for: the velocity that it wants, or the twist that it drives by that.
