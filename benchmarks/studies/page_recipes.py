@@ -715,6 +715,7 @@ def network_recipe(
         "numbers": blobs.put(halves(forward["numbers"])),
         "count": len(forward["numbers"]),
         "task": task,
+        "near_enough": NEAR_ENOUGH,
     }
     for function, call in calls.items():
         if "scales" in call:

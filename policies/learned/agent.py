@@ -301,7 +301,8 @@ class Agent(Gains):
         twists = commanded(perception.actions, self.base, actions, asked, speeds, angles, robot)
         if self.base is not None and self.base.guards:
             twists = self.controller.keep_clear(observation, briefing, twists)  # type: ignore[union-attr]
-        twists = features.arrived(observation, twists, speed, actuators)
+        tolerances = briefing.position_tolerance, briefing.heading_tolerance
+        twists = features.arrived(observation, twists, speed, actuators, tolerances)
         twists = features.guarded(observation, twists, speed, actuators, eased=True)
         if held is not None:
             hold(*held_law(briefing, actuators), held, twists)

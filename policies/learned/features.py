@@ -11,6 +11,7 @@ from wayfield.system.reading import is_number
 
 Array = NDArray[np.float64]
 Numbers = NDArray[np.float32]
+Tolerances = tuple[Array | None, Array | None]  # (b,) m and rad, within which goals are reached; None: not told
 
 LIMIT = 5.0  # beyond which a number tells a network nothing new
 MOST_SEEN = 1000  # of frames, points, actions, crumbs and trails: they size memory

@@ -7,9 +7,10 @@ import numpy as np
 
 from wayfield.envs import goal_reaching
 from wayfield.envs.robots import Actuators
-from wayfield.policies.learned.features import Array, Numbers
+from wayfield.policies.learned.features import Array, Numbers, Tolerances
 from wayfield.policies.learned.features_goal import GoalFeatures
 from wayfield.policies.parts.gain import gain
+from wayfield.policies.parts.stopping import rest_radius
 from wayfield.system.compiled import any_layout, compiled
 from wayfield.system.elementary import area_sine, sin_cos
 
@@ -22,8 +23,8 @@ class DockFeatures(GoalFeatures):
 
     Besides the numbers of `GoalFeatures`, its place as asinh(x / fine) and asinh(y / fine) in the body frame, and the
     turn e to its heading as sin e, cos e and asinh(e / fine_turn). It is guarded as a goal seeker, forward and
-    backward; and where the robot is within `rest` and `rest_turn` of the pose it is told to stand still, in training
-    too: to hold still is no network's strength, and what explores never does.
+    backward; and where the robot is within `rest` and `rest_turn` of the pose, or less where the goal asks for that, it
+    is told to stand still, in training too: to hold still is no network's strength, and what explores never does.
     """
 
     trails: tuple[float, ...] = gain((), "s", "of points that trail behind", words="a,b,... > 0")
@@ -50,19 +51,19 @@ class DockFeatures(GoalFeatures):
         fill_pose(observation.goal, observation.goal_heading_error, angles, scales, out[:, -POSE:])
         return angles
 
-    def guarded(
+    def arrived(
         self,
         observation: goal_reaching.Observation,
         twists: Array,
         speed: float,
         actuators: Actuators,
-        eased: bool = False,
+        tolerances: Tolerances = (None, None),
     ) -> Array:
-        """Returns the twists with what would not stop in time taken away, and none where the robot is to rest."""
-        twists = super().guarded(observation, twists, speed, actuators, eased)
+        """Returns the twists, none where the robot is to rest."""
+        rest, rest_turn = (rest_radius(*each) for each in zip((self.rest, self.rest_turn), tolerances, strict=True))
         x, y = observation.goal[:, 0], observation.goal[:, 1]
-        there = (x * x + y * y < self.rest * self.rest) & (observation.waypoints_left < 0.5)
-        twists[there & (np.abs(observation.goal_heading_error) < self.rest_turn)] = 0.0
+        there = (x * x + y * y < rest * rest) & (observation.waypoints_left < 0.5)
+        twists[there & (np.abs(observation.goal_heading_error) < rest_turn)] = 0.0
         return twists
 
 

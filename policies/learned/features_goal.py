@@ -11,10 +11,10 @@ from wayfield.envs import goal_reaching
 from wayfield.envs.robots import Actuators
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies.learned.arrival import arrive
-from wayfield.policies.learned.features import LIMIT, MOST_SEEN, Array, Numbers, check_trails
+from wayfield.policies.learned.features import LIMIT, MOST_SEEN, Array, Numbers, Tolerances, check_trails
 from wayfield.policies.learned.guard import guard
 from wayfield.policies.parts.gain import Gains, gain
-from wayfield.policies.parts.stopping import FASTEST, INTERVAL, MOVED, WATCHED, step_of_surface
+from wayfield.policies.parts.stopping import FASTEST, INTERVAL, MOVED, WATCHED, rest_radius, step_of_surface
 from wayfield.system.compiled import allocating, any_layout, compiled, inlined
 from wayfield.system.elementary import area_sine, bearing, sin_cos, wrap_angle
 
@@ -22,6 +22,7 @@ NEXT_GOAL = 0.5  # m, by which the distance to the goal grows only where the goa
 MOST_BEAMS = 10_000  # they size memory
 LEAST_BEAMS = 32  # of a scan that is read as one of more
 FULL = 2.0 * math.pi  # rad
+ARRIVED = 0.015  # m, from a goal, within which a robot turns to its heading
 FORESIGHT = 1.2  # s, for which what comes nearer by itself is put forward
 
 
@@ -143,14 +144,31 @@ class GoalFeatures(Gains):
         return known
 
     def arrived(
-        self, observation: goal_reaching.Observation, twists: Array, speed: float, actuators: Actuators
+        self,
+        observation: goal_reaching.Observation,
+        twists: Array,
+        speed: float,
+        actuators: Actuators,
+        tolerances: Tolerances = (None, None),
     ) -> Array:
-        """Returns the twists, those of robots near their goal replaced by the law that ends the way."""
-        if self.arrival:
-            most = min(actuators.yaw_acceleration, 3.0)
-            scales = np.array([self.arrival, min(speed, 0.3), 1.5, 0.015, 2.0, 0.5 * most, 1.5])
-            heading_errors, left = observation.goal_heading_error, observation.waypoints_left
-            arrive(observation.goal, heading_errors, left, scales, twists)
+        """Returns the twists, those of robots near their goal replaced by the law that ends the way.
+
+        Args:
+            tolerances: of the goals; the law comes no nearer than it needs to.
+        """
+        if not self.arrival:
+            return twists
+        most = min(actuators.yaw_acceleration, 3.0)
+        nears = np.broadcast_to(rest_radius(ARRIVED, tolerances[0]), len(twists))
+        for near in np.unique(nears):
+            rows = np.flatnonzero(nears == near)
+            scales = np.array([self.arrival, min(speed, 0.3), 1.5, near, 2.0, 0.5 * most, 1.5])
+            goals, errors, left, ended = (
+                each[rows]
+                for each in (observation.goal, observation.goal_heading_error, observation.waypoints_left, twists)
+            )
+            arrive(goals, errors, left, scales, ended)
+            twists[rows] = ended
         return twists
 
     def guarded(

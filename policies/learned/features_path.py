@@ -8,7 +8,7 @@ import numpy as np
 from wayfield.envs import path_following
 from wayfield.envs.robots import Actuators
 from wayfield.envs.tasks.briefing import Briefing
-from wayfield.policies.learned.features import LIMIT, MOST_SEEN, Array, Numbers, check_trails, unguarded
+from wayfield.policies.learned.features import LIMIT, MOST_SEEN, Array, Numbers, Tolerances, check_trails, unguarded
 from wayfield.policies.parts.gain import Gains, gain
 from wayfield.system.compiled import any_layout, compiled
 from wayfield.system.elementary import area_sine, bearing, sin_cos, wrap_angle
@@ -69,7 +69,12 @@ class PathFeatures(Gains):
         return np.zeros(len(out))
 
     def arrived(
-        self, observation: path_following.Observation, twists: Array, speed: float, actuators: Actuators
+        self,
+        observation: path_following.Observation,
+        twists: Array,
+        speed: float,
+        actuators: Actuators,
+        tolerances: Tolerances = (None, None),
     ) -> Array:
         """Returns the twists as they are: a path ends where it ends."""
         return twists

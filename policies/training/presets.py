@@ -480,6 +480,7 @@ _DIFF_DOCK = Preset(
     controller="reeds_shepp",
     controller_gains="default",
     imitation=1_200_000,
+    arriving=True,
     shortest_ways=True,
     time_limit=600,
 )

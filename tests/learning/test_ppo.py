@@ -1,5 +1,6 @@
 """The agents that ship: each loads, drives the robot that its card names, and is refused elsewhere."""
 
+import math
 import shutil
 from importlib import resources
 from pathlib import Path
@@ -18,6 +19,7 @@ from wayfield.benchmarks.episodes.metrics import measure
 from wayfield.benchmarks.episodes.rollout import roll_out
 from wayfield.benchmarks.records.cases import Case
 from wayfield.benchmarks.records.results import read_rows
+from wayfield.envs.scenarios import GoalScenario
 from wayfield.policies.learned.agent import load_agent, read_card
 from wayfield.policies.learned.conditions import kept_pace
 from wayfield.policies.pilot import Pilot
@@ -162,6 +164,16 @@ def test_agents_dock_where_a_user_meets_them_first(env_id: str, tier: str, beams
         alive &= ~(terminated | truncated)
     assert won.mean() > 0.7
     assert hit.mean() < 0.2
+
+
+@pytest.mark.parametrize("name", ["ppo", "hybrid"])
+def test_agents_come_as_near_to_a_goal_as_it_asks(name: str) -> None:
+    goals = [
+        GoalScenario(f"near_{k}", (1.5 * math.cos(k), 1.5 * math.sin(k), 2.0 * k % 3.0), position_tolerance=tolerance)
+        for k, tolerance in enumerate((0.01, 0.006, 0.1, 0.01))
+    ]
+    where = {"scenario": goals, "actuators": "lagged", "num_beams": 72, "max_range": 5.0}
+    assert validate(policies.make(name), DIFF_GOAL_ID, where, 1200).success == 1.0
 
 
 def test_other_seeds_robots_and_scans_are_refused_by_name() -> None:

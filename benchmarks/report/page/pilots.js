@@ -180,6 +180,7 @@ class Network {
     for (const name of ["fill_path", "fill_goal", "fill_trails", "fill_crumbs", "fill_moving", "fill_pose", "fill_bodies", "arrive"]) {
       if (recipe[`${name}_scales`]) this[name] = doubles(recipe[`${name}_scales`]);
     }
+    if (recipe.arrive_scales) kernels.f64(this.arrive.at, 4)[3] = this.atMost(recipe.arrive_scales[3], "position_tolerance");
     if (recipe.guard) this.guard = doubles(recipe.guard);
     if (recipe.hold) {
       this.law = doubles(recipe.hold);
@@ -357,11 +358,16 @@ class Network {
     return this.turning([a, b], this.speed / Math.max(Math.sqrt(a * a + b * b), 1), this.angle);
   }
 
-  // Whether the robot is where it is to rest: the end of `DockFeatures.guarded`.
+  // `rest_radius`: an agent's own, m or rad, or less where the goal asks.
+  atMost(own, tolerance) {
+    return Math.min(own, this.recipe.near_enough * this.simulator.world[tolerance]);
+  }
+
+  // Whether the robot is where it is to rest: `DockFeatures.arrived`.
   rests() {
-    const { recipe } = this;
     const { goal: [x, y], goal_heading_error: [turn], waypoints_left: [left] } = this.simulator.seen;
-    return x * x + y * y < recipe.rest * recipe.rest && left < 0.5 && Math.abs(turn) < recipe.rest_turn;
+    const rest = this.atMost(this.recipe.rest, "position_tolerance");
+    return x * x + y * y < rest * rest && left < 0.5 && Math.abs(turn) < this.atMost(this.recipe.rest_turn, "heading_tolerance");
   }
 
   // What stands around the network in `Agent.act`: `GoalFeatures.arrived` and `guarded`, `hold`, and the shield.
