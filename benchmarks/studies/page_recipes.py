@@ -680,7 +680,9 @@ def network_recipe(
     task: str, name: str, seed: int, env: NativeVectorEnv, blobs: Blobs
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Returns how the page makes a trained agent decide, and the gains of it that the page can change."""
-    policy = make(name, seed=seed)
+    # the law that docks where a network stands is not in the page
+    gains = {"seed": seed, **({"patience": 0.0} if task == "docking" else {})}
+    policy = make(name, **gains)
     pilot = Pilot(policy, env)
     noted_calls = agent_calls(task, pilot, env)
     calls = {name_of(kernel): dict(leaves(names_of(kernel), values)) for kernel, values in noted_calls}
@@ -690,7 +692,7 @@ def network_recipe(
     forward = calls["forward"]
     features: Any = agent.features  # of a kind that its task says
     told: dict[str, Any] = {
-        "make": {"name": name, "gains": {"seed": seed}},
+        "make": {"name": name, "gains": gains},
         "network": True,
         "knows": policy.knows,
         "speed": agent.speed if agent.keeps_pace else network_speed(agent.card, pilot.briefing, agent.speed),

@@ -43,6 +43,7 @@ from wayfield.policies.learned.perception import (
     hold,
     limits_of,
 )
+from wayfield.policies.learned.rescue import take_over, waiting
 from wayfield.policies.learned.residual import Base
 from wayfield.policies.parts.gain import Gains, gain
 from wayfield.policies.parts.policy import Policy
@@ -65,7 +66,9 @@ _SINCE: Mapping[str, Mapping[str, Any]] = {
 _ACTIONS_SINCE = {"reverse": 0.0}
 MOST_LAYERS, MOST_WIDTH = 32, 2**14  # of a network, so that its size is known to be sane before memory is taken
 ACTIVATIONS = ("tanh", "relu")
-PACE_TIME = 2.0  # s, in which an agent that is loaded makes up what it is late by, on a path
+# of an agent that is loaded; what training validates has neither
+PACE_TIME = 2.0  # s, in which it makes up what it is late by, on a path
+PATIENCE = 3.0  # s, without way made to a dock, after which a law docks
 CARD, WEIGHTS = "card.json", "weights.safetensors"
 _NEXT = "weights.next.safetensors"  # the weights of the card, until they take the place of those before
 
@@ -167,6 +170,9 @@ class Agent(Gains):
     `hold`); one that is slower, so slowly that it stops on the same way (`network_speed`). Of what else is new, it
     warns. A base with the body of a robot that it knows (`body_of`) and a delay of its own it drives from the predicted
     state: see `parts.forward_prediction`.
+
+    One that docks and has made no way for `patience` leaves the rest to a law, `reeds_shepp_scan`: beside the pose and
+    before narrow gaps a network may stand where that law sees a way (`rescue`).
     """
 
     network: Network
@@ -176,6 +182,7 @@ class Agent(Gains):
     speed: float = gain(0.6, "m/s", "the mean on a path, with `cruises` or `pace_time`; else the most", above=0.0)
     base: Base | None = None
     pace_time: float = gain(0.0, "s", "in which it makes up what it is late by, on a path; 0: never", least=0.0)
+    patience: float = gain(0.0, "s", "without way made to a dock, after which a law docks; 0: for ever", least=0.0)
 
     @property
     def knows(self) -> str:
@@ -254,6 +261,8 @@ class Agent(Gains):
             parts["held"] = np.zeros((briefing.num_envs, 3, 3))  # see `hold`, and the twist that it gave last
         if self.features.shielded == "always" or (news and self.features.shielded):
             parts["shield"] = SHIELD.reset(briefing)
+        if self.patience and self.features.posed:
+            parts["rescue"] = waiting(briefing, self.speed)
         if self.keeps_pace:
             parts["pace"] = np.zeros((briefing.num_envs, 2))  # see `kept_pace`
             parts["pace"][:, 0] = -briefing.dt * self.speed  # no time has passed when it is first asked
@@ -307,6 +316,10 @@ class Agent(Gains):
         if held is not None:
             hold(*held_law(briefing, actuators), held, twists)
             held[:, 2, robot.twist_axes] = twists
+        if "rescue" in (memory.dtype.names or ()):
+            rows = take_over(measured, briefing, memory["rescue"], (self.speed, self.patience), twists)
+            if held is not None:
+                held[rows[:, None], :, np.array(robot.twist_axes)] = twists[rows, :, None]
         if "shield" in (memory.dtype.names or ()):
             twists = SHIELD.passed(measured, briefing, memory["shield"], twists)
             law: Any = self.controller
@@ -500,7 +513,8 @@ def _shipped(folder: pathlib.Path, name: str = "goal_reaching_p3dx") -> None:
 def load_agent(folder: str | os.PathLike[str], **gains: Any) -> Agent:
     """Returns the agent of a folder; `speed` (m/s) may take the place of the one it was trained for.
 
-    A path follower makes up what it is late by in PACE_TIME; `pace_time` (s) may take its place.
+    A path follower makes up what it is late by in PACE_TIME, and where one that docks makes no way for PATIENCE a law
+    docks; `pace_time` and `patience` (s) may take their places.
 
     Only numbers and text are read: no code of the folder runs.
 
@@ -522,7 +536,7 @@ def load_agent(folder: str | os.PathLike[str], **gains: Any) -> Agent:
     features, actions = card_features(card, folder / CARD)
     base = card_base(card, folder / CARD)
     try:
-        gains = {"speed": card["speed"], "base": base, "pace_time": PACE_TIME} | gains
+        gains = {"speed": card["speed"], "base": base, "pace_time": PACE_TIME, "patience": PATIENCE} | gains
         return Agent(network, features, actions, card, **gains)
     except ValueError as error:
         raise ValueError(f"{folder / CARD}: {error}") from None

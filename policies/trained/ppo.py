@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from wayfield.envs import goal_reaching, path_following
 from wayfield.envs.robots import Robot
 from wayfield.envs.tasks.briefing import Briefing
-from wayfield.policies.learned.agent import PACE_TIME, Agent, body_of, load_agent
+from wayfield.policies.learned.agent import PACE_TIME, PATIENCE, Agent, body_of, load_agent
 from wayfield.policies.parts.gain import Gains, gain
 from wayfield.system.checks import LAST_SEED
 
@@ -23,13 +23,15 @@ class Ppo(Gains):
     """Drives with the agent of its seed that ships for the task and the robot it is put in, or with one of your own.
 
     What the network sees and does is stated in the agent's card and in `features`. Learned from the training split of
-    the scenarios; those that ship serve the robots that `shipped` names.
+    the scenarios; those that ship serve the robots that `shipped` names. Where a law has a part in it, `Agent` says so:
+    it ends the way to a goal, and docks where the network makes no way.
     """
 
     seed: int = gain(0, "1", "of the training run", most=LAST_SEED)
     speed: float = gain(0.0, "m/s", "the mean on a path, to a goal the most; 0: as validated", least=0.0)
     home: str = gain("", "", "of training runs, as train.py's --out; '': the agents that ship", words="a folder")
     pace_time: float = gain(PACE_TIME, "s", "in which it makes up what it is late by, on a path; 0: never", least=0.0)
+    patience: float = gain(PATIENCE, "s", "without way made to a dock, after which a law docks; 0: for ever", least=0.0)
 
     observes: ClassVar[tuple[type, ...]] = (path_following.Observation, goal_reaching.Observation)
     among: ClassVar[str] = ""  # behind the task, in the names of the folders of agents among bodies
@@ -60,7 +62,7 @@ class Ppo(Gains):
             if self._own.card["task"] != task:
                 raise ValueError(f"{self.home} holds agents for {self._own.card['task']}, not for {task}")
             return self._own
-        return shipped_agent(self.agents_of(task), robot, self.seed, self.speed, self.pace_time)
+        return shipped_agent(self.agents_of(task), robot, self.seed, **self._gains)
 
     @classmethod
     def agents_of(cls, task: str) -> str:
@@ -73,7 +75,11 @@ class Ppo(Gains):
 
     @functools.cached_property
     def _own(self) -> Agent:
-        return _loaded(trained(self.home), self.seed, self.speed, self.pace_time, f"is in {self.home}")
+        return _loaded(trained(self.home), self.seed, f"is in {self.home}", **self._gains)
+
+    @property
+    def _gains(self) -> dict[str, float]:
+        return {"speed": self.speed, "pace_time": self.pace_time, "patience": self.patience}
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns the agent's empty memory.
@@ -94,17 +100,17 @@ def shipped(task: str, robot: str) -> dict[int, Path]:
 
 
 @functools.lru_cache(maxsize=128)
-def shipped_agent(task: str, robot: str, seed: int, speed: float = 0.0, pace_time: float = PACE_TIME) -> Agent:
+def shipped_agent(task: str, robot: str, seed: int, speed: float = 0.0, **gains: float) -> Agent:
     """Returns the agent of a seed that ships for a task, as `Ppo.agents_of` names it, and robot.
 
     Args:
         speed: m/s, the most that it drives; 0: the one that it was validated at.
-        pace_time: s, in which it makes up what it is late by, on a path; 0: never.
+        gains: others of `load_agent`.
 
     Raises:
         ValueError: if none ships for them, or none of this seed, or its folder is damaged.
     """
-    return _loaded(shipped(task, robot), seed, speed, pace_time, f"ships for {task} with {robot}")
+    return _loaded(shipped(task, robot), seed, f"ships for {task} with {robot}", speed, **gains)
 
 
 def trained(home: str) -> dict[int, Path]:
@@ -118,8 +124,8 @@ def _by_seed(home: Path) -> dict[int, Path]:
     return dict(sorted(result.items()))
 
 
-def _loaded(folders: dict[int, Path], seed: int, speed: float, pace_time: float, what: str) -> Agent:
+def _loaded(folders: dict[int, Path], seed: int, what: str, speed: float, **gains: float) -> Agent:
     if seed not in folders:
         there = f"seeds {', '.join(map(str, folders))}" if folders else "none"
         raise ValueError(f"no agent of seed {seed} {what}; there are {there}")
-    return load_agent(folders[seed], pace_time=pace_time, **({"speed": speed} if speed else {}))
+    return load_agent(folders[seed], **gains, **({"speed": speed} if speed else {}))

@@ -125,7 +125,7 @@ def main(folders: tuple[Path, ...]) -> None:
     warnings.simplefilter("ignore", NewToAgent)  # that it is new is why it is measured
     for folder in folders:
         try:
-            agent = load_agent(folder, pace_time=0.0)  # as training validates
+            agent = load_agent(folder, pace_time=0.0, patience=0.0)  # as training validates
         except ValueError as error:
             raise click.UsageError(str(error)) from None
         card = dict(agent.card)

@@ -20,6 +20,7 @@ from wayfield.benchmarks.episodes.rollout import roll_out
 from wayfield.benchmarks.records.cases import Case
 from wayfield.benchmarks.records.results import read_rows
 from wayfield.envs.scenarios import GoalScenario
+from wayfield.envs.scenarios.docking_families import DockingScenario
 from wayfield.policies.learned.agent import load_agent, read_card
 from wayfield.policies.learned.conditions import kept_pace
 from wayfield.policies.pilot import Pilot
@@ -164,6 +165,22 @@ def test_agents_dock_where_a_user_meets_them_first(env_id: str, tier: str, beams
         alive &= ~(terminated | truncated)
     assert won.mean() > 0.7
     assert hit.mean() < 0.2
+
+
+@pytest.mark.parametrize(("robot", "tolerance"), [("p3dx", 0.05), ("p3dx", 0.01), ("omni4", 0.05)])
+def test_agents_dock_from_beside_the_pose_as_near_as_it_asks(robot: str, tolerance: float) -> None:
+    """Where a network stands, a law docks: from all sides of a pose, that it is parallel to in every second case."""
+    rng = np.random.default_rng(4)
+    docks = []
+    for k in range(40):
+        away, around = rng.uniform(0.1, 1.5), rng.uniform(-math.pi, math.pi)
+        turn = rng.uniform(-math.pi, math.pi) if k % 2 else 0.0
+        start = away * math.cos(around), away * math.sin(around), turn
+        docks.append(DockingScenario(f"beside_{k}", (0.0, 0.0, 0.0), start, position_tolerance=tolerance))
+    where = {"scenario": docks, "actuators": "lagged", "num_beams": 72, "max_range": 5.0, "robot": robot}
+    found = validate(policies.make("ppo", seed=0), DOCK_ID if robot == "p3dx" else OMNI_DOCK_ID, where, 1200)
+    assert found.success >= 0.95
+    assert found.collision == 0.0
 
 
 @pytest.mark.parametrize("name", ["ppo", "hybrid"])

@@ -98,8 +98,12 @@ def driven(case: dict[str, Any], steps: int) -> tuple[dict[str, Any], NDArray[np
     env = environment(case["task"], case["robot"], case["actuators"], case.get("file", f"{case['family']}/test"))
     name, _, gains_name = case["policy"].partition(" ")
     wanted = gains_name.strip("()") or "default"
-    sets = dict(contest.gain_sets(name, case["robot"], ("default", "tuned", "paper"))) if name != AGENT else {}
-    pilot = Pilot(make(name, **(sets.get(wanted, {}) if name != AGENT else {"seed": 0})), env)
+    if name == AGENT:
+        key = " ".join(case[part] for part in ("task", "robot", "actuators", "policy"))
+        gains = tables()["pilots"][key]["make"]["gains"]
+    else:
+        gains = dict(contest.gain_sets(name, case["robot"], ("default", "tuned", "paper"))).get(wanted, {})
+    pilot = Pilot(make(name, **gains), env)
     observation, _ = env.reset(seed=0, options={"scenario": [0]})
     pilot.reset()
     world = plain(env.task.scenarios[0], contest.spec.clock) | {"draws": np_random(0)[0].random(DRAWS).tolist()}

@@ -1,0 +1,64 @@
+"""The law that docks where a docking agent makes no way: `reeds_shepp_scan`, which sees no more than the agent."""
+
+import functools
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayfield.envs import goal_reaching
+from wayfield.envs.tasks.briefing import Briefing
+from wayfield.policies.learned.residual import controller_at
+from wayfield.policies.parts.policy import Policy
+
+SPEED = 0.4  # m/s, of the law at most
+WAY = 0.1  # m, by which what is left becomes less
+TURN = 0.3  # m/rad, that a turn to the heading counts for, as in the reward
+NEXT_GOAL = 0.5  # m, by which what is left grows in a control period only where the goal is another
+
+
+@functools.lru_cache(maxsize=64)
+def law_at(speed: float) -> Policy:
+    """Returns the law of an agent that is asked for a speed (m/s)."""
+    return controller_at("reeds_shepp_scan", {}, min(speed, SPEED))
+
+
+def waiting(briefing: Briefing, speed: float) -> NDArray[Any]:
+    """Returns the memory (b,) of the law at a speed (m/s), and of how far the agent has come."""
+    law = law_at(speed).reset(briefing)
+    fields = [("law", law.dtype), *((name, np.float64) for name in ("left", "least", "stood"))]  # m, m and s
+    memory = np.zeros(briefing.num_envs, fields)
+    memory["law"], memory["left"], memory["least"] = law, np.inf, np.inf
+    return memory
+
+
+def take_over(
+    observation: goal_reaching.Observation,
+    briefing: Briefing,
+    memory: NDArray[Any],
+    asked: tuple[float, float],
+    twists: NDArray[np.float64],
+) -> NDArray[np.int64]:
+    """Puts the law's twists in place of those (b, t) of robots that have made no way for some time, from then on.
+
+    Way is made when distance and turn that are left become less than ever before.
+
+    Args:
+        asked: the speed (m/s) that the agent is asked for, and that time, s.
+
+    Returns:
+        The rows of those robots.
+    """
+    speed, patience = asked
+    left = np.hypot(*observation.goal.T) + TURN * np.abs(observation.goal_heading_error)
+    anew = left > memory["left"] + NEXT_GOAL
+    memory["left"] = left
+    made = anew | ((left < memory["least"] - WAY) & (memory["stood"] <= patience))
+    memory["least"] = np.where(made, left, memory["least"])
+    memory["stood"] = np.where(made, 0.0, memory["stood"] + briefing.dt)
+    rows = np.flatnonzero(memory["stood"] > patience)
+    if len(rows):
+        law = memory["law"][rows]
+        twists[rows] = law_at(speed).act(type(observation)(*(each[rows] for each in observation)), briefing, law)
+        memory["law"][rows] = law
+    return rows
