@@ -13,6 +13,14 @@ def stay_radius(arrival_radius: float, briefing: Briefing) -> Any:
     return rest_radius(2.0 * arrival_radius, briefing.position_tolerance)
 
 
+def gentle(law: Any, briefing: Briefing) -> dict[str, float]:
+    """Returns the deceleration of a law, at most half of what the base can, and its yaw acceleration, at most all."""
+    return {
+        "deceleration": min(law.deceleration, 0.5 * briefing.actuators.acceleration),
+        "yaw_acceleration": min(law.yaw_acceleration, briefing.actuators.yaw_acceleration),
+    }
+
+
 @inlined
 def is_there(was_there, px, py, radius, stay):
     """Returns whether a robot counts as at a place (px, py) in its frame, m: within both radii, once there in `stay`.

@@ -1,6 +1,6 @@
 """What a law drives by as bundles of arrays, and the twist that a base can drive."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,6 +68,16 @@ def driven_by_point(p, vx, vy):
     yaw_rate = vy / p.ahead
     factor = min(1.0, p.max_yaw_rate / max(abs(yaw_rate), 1e-12))
     return factor * vx, factor * yaw_rate
+
+
+def point_ahead(law: Any, briefing: Briefing) -> dict[str, float]:
+    """Returns what `driven_by_point` reads beside a law's gains, and the reach of the scan."""
+    robot = briefing.robot
+    return {
+        "ahead": 0.0 if robot.holonomic else law.ahead,
+        "max_yaw_rate": float(robot.max_twist[-1]),
+        "max_range": briefing.max_range,
+    }
 
 
 def unicycle_twists(robot: Robot, speed: Array, yaw_rate: Array) -> Array:

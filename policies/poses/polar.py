@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching
 from wayfield.envs.tasks.briefing import Briefing
-from wayfield.policies.parts.arriving import is_there, stay_radius, turn_rate
+from wayfield.policies.parts.arriving import gentle, is_there, stay_radius, turn_rate
 from wayfield.policies.parts.gain import gain
 from wayfield.policies.parts.laws import GoalLaw
 from wayfield.policies.parts.params import params
@@ -77,12 +77,7 @@ class Polar(GoalLaw):
         self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]
     ) -> NDArray[np.float64]:
         """Returns the twists (b, t), m/s and rad/s."""
-        p = params(
-            self,
-            briefing,
-            deceleration=min(self.deceleration, 0.5 * briefing.actuators.acceleration),
-            yaw_acceleration=min(self.yaw_acceleration, briefing.actuators.yaw_acceleration),
-        )
+        p = params(self, briefing, **gentle(self, briefing))
         twists = np.empty((len(observation.pose), 2))
         approach(p, observation.goal, observation.goal_heading_error, observation.waypoints_left, memory, twists)
         return unicycle_twists(briefing.robot, twists[:, 0], twists[:, 1])

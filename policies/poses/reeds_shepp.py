@@ -13,7 +13,7 @@ from wayfield.envs.world.geometry import clearance
 from wayfield.envs.world.grids import grid_clearance
 from wayfield.envs.world.movers import any_moves, motion_at, moves
 from wayfield.envs.world.reeds_shepp import PLAN, is_free, plan_to, pose_along
-from wayfield.policies.parts.arriving import is_there, stay_radius, turn_rate
+from wayfield.policies.parts.arriving import gentle, is_there, stay_radius, turn_rate
 from wayfield.policies.parts.gain import gain
 from wayfield.policies.parts.laws import GoalLaw
 from wayfield.policies.parts.params import params
@@ -98,18 +98,19 @@ class ReedsShepp(GoalLaw):
         memory["stay"] = stay_radius(self.arrival_radius, briefing)
         return memory
 
+    def paced(self, briefing: Briefing) -> dict[str, float]:
+        """Returns what the law reads beside its gains."""
+        return {
+            **gentle(self, briefing),
+            "preview": briefing.actuators.reaction + briefing.dt,
+            "pause_steps": max(round(PAUSE / briefing.dt), 1),
+        }
+
     def act(
         self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]
     ) -> NDArray[np.float64]:
         """Returns the twists (b, t), m/s and rad/s."""
-        p = params(
-            self,
-            briefing,
-            deceleration=min(self.deceleration, 0.5 * briefing.actuators.acceleration),
-            yaw_acceleration=min(self.yaw_acceleration, briefing.actuators.yaw_acceleration),
-            preview=briefing.actuators.reaction + briefing.dt,
-            pause_steps=max(round(PAUSE / briefing.dt), 1),
-        )
+        p = params(self, briefing, **self.paced(briefing))
         twists = np.empty((len(observation.pose), 2))
         told = Map.of(briefing)
         target = observation.goal, observation.goal_heading_error, observation.waypoints_left

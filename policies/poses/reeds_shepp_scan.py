@@ -29,7 +29,6 @@ from wayfield.policies.parts.tracking import LAID, TRACKS, follow, lay_movers
 from wayfield.policies.poses.reeds_shepp import (
     FIELDS,
     GRAIN,
-    PAUSE,
     STRAY,
     ReedsShepp,
     advance,
@@ -108,10 +107,7 @@ class ReedsSheppScan(ReedsShepp):
         p = params(
             self,
             briefing,
-            deceleration=min(self.deceleration, 0.5 * briefing.actuators.acceleration),
-            yaw_acceleration=min(self.yaw_acceleration, briefing.actuators.yaw_acceleration),
-            preview=briefing.actuators.reaction + briefing.dt,
-            pause_steps=max(round(PAUSE / briefing.dt), 1),
+            **self.paced(briefing),
             closed=sees_all_round(briefing),
         )
         count, state = len(observation.pose), memory["state"]

@@ -14,7 +14,7 @@ from wayfield.policies.parts.gain import gain
 from wayfield.policies.parts.laws import CrowdLaw
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.policy import check_scan
-from wayfield.policies.parts.steering import driven_by_point
+from wayfield.policies.parts.steering import driven_by_point, point_ahead
 from wayfield.system.compiled import allocating, any_layout, compiled
 from wayfield.system.elementary import sin_cos
 
@@ -122,13 +122,7 @@ class OrcaTeam(CrowdLaw):
         twist = np.zeros((len(wanted), 3))
         twist[:, [0, 2] if not robot.holonomic else [0, 1, 2]] = observation.twist
         beams = np.column_stack([np.cos(briefing.beam_angles), np.sin(briefing.beam_angles)])
-        p = params(
-            self,
-            briefing,
-            ahead=0.0 if robot.holonomic else self.ahead,
-            max_yaw_rate=float(robot.max_twist[-1]),
-            max_range=briefing.max_range,
-        )
+        p = params(self, briefing, **point_ahead(self, briefing))
         out = np.zeros((len(wanted), len(robot.twist_axes)))
         arrays = (twist, observation.bodies, observation.ranges, beams, wanted)
         avoid(p, *map(np.ascontiguousarray, arrays), out)

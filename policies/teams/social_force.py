@@ -14,7 +14,7 @@ from wayfield.policies.parts.gain import gain
 from wayfield.policies.parts.laws import CrowdLaw
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.policy import check_scan
-from wayfield.policies.parts.steering import driven_by_point
+from wayfield.policies.parts.steering import driven_by_point, point_ahead
 from wayfield.system.compiled import any_layout, compiled
 from wayfield.system.elementary import exponential, sin_cos
 
@@ -57,13 +57,7 @@ class SocialForce(CrowdLaw):
         if len(briefing.beam_angles):
             check_scan(self, observation.ranges, briefing)
         robot = briefing.robot
-        p = params(
-            self,
-            briefing,
-            ahead=0.0 if robot.holonomic else self.ahead,
-            max_yaw_rate=float(robot.max_twist[-1]),
-            max_range=briefing.max_range,
-        )
+        p = params(self, briefing, **point_ahead(self, briefing))
         beams = np.column_stack([np.cos(briefing.beam_angles), np.sin(briefing.beam_angles)])
         out = np.zeros((len(memory), len(robot.twist_axes)))
         arrays = (observation.pose, observation.goal, observation.bodies, observation.ranges, beams)
