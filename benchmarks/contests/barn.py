@@ -7,7 +7,8 @@ Nothing is trained or tuned on these worlds.
 import dataclasses
 import math
 
-from wayfield.benchmarks.contests.contest import COST, Column, Published
+from wayfield.benchmarks.contests import columns
+from wayfield.benchmarks.contests.contest import Column, Published
 from wayfield.benchmarks.contests.goal_obstacles import GOAL_OBSTACLES, ON_REQUEST, ON_REQUEST_NOTE
 from wayfield.benchmarks.records.cases import Rules
 from wayfield.policies.parts.tuned import PACE
@@ -34,16 +35,16 @@ CHALLENGE = dataclasses.replace(
     columns=(
         Column("score (2, 8)", "barn_score", 4, with_interval=True),
         Column("score 2022 (4, 8)", "barn_score_2022", 4, with_interval=True),
-        Column("collision (%)", "collision", 1, 100.0),
-        Column("timeout (%)", "timeout", 1, 100.0),
-        Column("SCT", "sct", 3, with_interval=True),
-        Column("SPL", "spl", 3, with_interval=True),
-        Column("imputed (s)", COST, 1, with_interval=True),
-        Column("time of successes (s)", "time", 1, successes_only=True),
+        columns.COLLISION,
+        columns.TIMEOUT,
+        columns.SCT,
+        columns.SPL,
+        columns.IMPUTED,
+        columns.TIME,
         Column("mean speed of successes (m/s)", "mean_speed", 2, successes_only=True),
         Column("least clearance (m)", "min_clearance", 3),
-        Column("LDLJ", "ldlj", 2),
-        Column("faults", "faults", 2),
+        columns.LDLJ,
+        columns.FAULTS,
     ),
     ranked=(("barn_score", -1.0), ("success", -1.0)),
     notes=_NOTES.format(

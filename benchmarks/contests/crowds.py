@@ -10,6 +10,7 @@ import statistics
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from wayfield.benchmarks.contests import columns
 from wayfield.benchmarks.contests.contest import COST, FAULTS_NOTE, Column, Contest, Film, Heat, Score, driven
 from wayfield.benchmarks.records.cases import Rules
 from wayfield.benchmarks.records.episode import Episodes
@@ -39,12 +40,11 @@ def score(rows: Episodes, scenarios: Sequence[Any], speed: float, least: float) 
     )
 
 
-_COLLISION = Column("collision (%)", "collision", 1, 100.0)
 _TIMES = (
     Column("extra time (s)", "extra_time", 1, successes_only=True),
     Column("75th percentile (s)", "extra_time_p75", 1, successes_only=True),
     Column("90th percentile (s)", "extra_time_p90", 1, successes_only=True),
-    Column("imputed (s)", COST, 1, with_interval=True),
+    columns.IMPUTED,
 )
 _TO_PEOPLE = (
     Column("least gap to people (m)", "least_gap_people", 3),
@@ -69,7 +69,7 @@ TEAMS = Contest(
     env_kwargs={"sees": "bodies", "num_beams": 72, "max_range": 5.0},
     columns=(
         Column("arrived (%)", "arrived", 1, 100.0, with_interval=True),
-        _COLLISION,
+        columns.COLLISION,
         Column("robots that touched a robot (%)", "touched_robot", 1, 100.0),
         Column("a wall (%)", "touched_wall", 1, 100.0),
         Column("stuck (%)", "stuck", 1, 100.0),
@@ -80,8 +80,8 @@ TEAMS = Contest(
         Column("SPL", "spl", 3),
         Column("fairness", "fairness", 3),
         Column("least gap (m)", "least_gap", 3),
-        Column("LDLJ", "ldlj", 2),
-        Column("faults", "faults", 2),
+        columns.LDLJ,
+        columns.FAULTS,
     ),
     gap=None,
     bar=None,
@@ -134,15 +134,15 @@ def _people(law: str, seen: bool) -> Contest:
         policies=entering(_PEOPLE.suite),
         env_kwargs={**TEAMS.env_kwargs, "visible": seen, **chosen},
         columns=(
-            _COLLISION,
+            columns.COLLISION,
             Column("with people (%)", "touched_person", 1, 100.0),
             Column("of it caused (%)", "caused", 1, 100.0),
             Column("stuck (%)", "stuck", 1, 100.0),
             *_TIMES,
             Column("SPL", "spl", 3),
             *_TO_PEOPLE,
-            Column("LDLJ", "ldlj", 2),
-            Column("faults", "faults", 2),
+            columns.LDLJ,
+            columns.FAULTS,
         ),
         ranked=(("success", -1.0), (COST, 1.0)),
         notes=_NOTES + f"Among people {words}{walking}. Gaps are between hulls. Simulation only.",

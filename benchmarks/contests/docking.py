@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from wayfield.benchmarks.contests import columns
 from wayfield.benchmarks.contests.contest import (
     COST,
     DEGREES,
@@ -61,18 +62,18 @@ DOCKING = Contest(
     claims=("smooth_pose_backward", "mpc_pose", "reeds_shepp", "reeds_shepp_scan", "ppo"),
     env_kwargs={"num_beams": 72, "max_range": 5.0},
     columns=(
-        Column("collision (%)", "collision", 1, 100.0),
+        columns.COLLISION,
         Column("position error (mm)", "final_position_error", 1, 1000.0, with_interval=True),
         Column("heading error (mrad)", "final_heading_error", 1, 1000.0, with_interval=True),
-        Column("time of successes (s)", "time", 1, successes_only=True),
-        Column("imputed (s)", COST, 1, with_interval=True),
+        columns.TIME,
+        columns.IMPUTED,
         Column("path of successes (m)", "path_length", 2, successes_only=True),
         Column("changes of direction", "direction_changes", 2, successes_only=True),
         Column("SPL", "spl", 3),
         Column("least clearance (m)", "min_clearance", 3),
-        Column("LDLJ", "ldlj", 2),
+        columns.LDLJ,
         Column("effort (rad²/s)", "effort", 0, successes_only=True),
-        Column("faults", "faults", 2),
+        columns.FAULTS,
     ),
     gap=Column("gap (success, %)", "success", 1, 100.0),
     bar=Bar(f"{100.0 * BAR_SUCCESS:.0f} % successes on the validation scenarios", reached),

@@ -5,6 +5,7 @@ import statistics
 from collections.abc import Sequence
 from typing import Any
 
+from wayfield.benchmarks.contests import columns
 from wayfield.benchmarks.contests.contest import (
     COST,
     DEGREES,
@@ -56,18 +57,18 @@ GOAL_OBSTACLES = Contest(
     on_request=(ANY,),
     env_kwargs={"num_beams": 72, "max_range": 5.0},
     columns=(
-        Column("collision (%)", "collision", 1, 100.0),
-        Column("SPL", "spl", 3, with_interval=True),
-        Column("SCT", "sct", 3, with_interval=True),
+        columns.COLLISION,
+        columns.SPL,
+        columns.SCT,
         Column("BARN", "barn_score", 3),
-        Column("imputed (s)", COST, 1, with_interval=True),
-        Column("time of successes (s)", "time", 1, successes_only=True),
+        columns.IMPUTED,
+        columns.TIME,
         Column("least clearance (m)", "min_clearance", 3),
         Column("mean (m)", "mean_clearance", 2),
         Column("under 0.1 m (%)", "near_share", 1, 100.0),
-        Column("LDLJ", "ldlj", 2),
+        columns.LDLJ,
         Column("effort (rad²/s)", "effort", 0, successes_only=True),
-        Column("faults", "faults", 2),
+        columns.FAULTS,
     ),
     gap=Column("gap (success, %)", "success", 1, 100.0),
     bar=Bar(

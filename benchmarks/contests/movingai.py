@@ -6,7 +6,8 @@ maps.
 
 import dataclasses
 
-from wayfield.benchmarks.contests.contest import COST, Column
+from wayfield.benchmarks.contests import columns
+from wayfield.benchmarks.contests.contest import Column
 from wayfield.benchmarks.contests.goal_obstacles import GOAL_OBSTACLES, ON_REQUEST, ON_REQUEST_NOTE
 from wayfield.benchmarks.records.cases import Rules
 from wayfield.policies.parts.tuned import PACE
@@ -14,16 +15,16 @@ from wayfield.policies.parts.tuned import PACE
 MOVINGAI = dataclasses.replace(
     GOAL_OBSTACLES,
     columns=(
-        Column("collision (%)", "collision", 1, 100.0),
-        Column("timeout (%)", "timeout", 1, 100.0),
-        Column("SPL", "spl", 3, with_interval=True),
-        Column("SCT", "sct", 3, with_interval=True),
-        Column("imputed (s)", COST, 1, with_interval=True),
-        Column("time of successes (s)", "time", 1, successes_only=True),
+        columns.COLLISION,
+        columns.TIMEOUT,
+        columns.SPL,
+        columns.SCT,
+        columns.IMPUTED,
+        columns.TIME,
         Column("path of successes (m)", "path_length", 1, successes_only=True),
         Column("least clearance (m)", "min_clearance", 3),
-        Column("LDLJ", "ldlj", 2),
-        Column("faults", "faults", 2),
+        columns.LDLJ,
+        columns.FAULTS,
     ),
     notes=(
         "Cells are 1 m wide. SPL and SCT compare with the published optimal length, that of a way over the eight "

@@ -6,7 +6,8 @@ Source: Wen et al., MRPB 1.0: a unified benchmark for the evaluation of mobile r
 
 import dataclasses
 
-from wayfield.benchmarks.contests.contest import COST, Column
+from wayfield.benchmarks.contests import columns
+from wayfield.benchmarks.contests.contest import Column
 from wayfield.benchmarks.contests.goal_obstacles import GOAL_OBSTACLES, ON_REQUEST, ON_REQUEST_NOTE
 from wayfield.benchmarks.records.cases import Rules
 
@@ -15,17 +16,17 @@ ASKED = 0.55  # m/s, the benchmark's bound for the P3DX
 MRPB = dataclasses.replace(
     GOAL_OBSTACLES,
     columns=(
-        Column("collision (%)", "collision", 1, 100.0),
+        columns.COLLISION,
         Column("safety: least clearance (m)", "min_clearance", 3),
         Column("safety: under 0.1 m (% of time)", "near_share", 1, 100.0),
         Column("motion efficiency (s)", "time", 1, successes_only=True),
-        Column("imputed (s)", COST, 1, with_interval=True),
+        columns.IMPUTED,
         Column("velocity smoothness (m/s²)", "velocity_smoothness", 3),
-        Column("SPL", "spl", 3, with_interval=True),
-        Column("SCT", "sct", 3, with_interval=True),
+        columns.SPL,
+        columns.SCT,
         Column("path of successes (m)", "path_length", 1, successes_only=True),
-        Column("LDLJ", "ldlj", 2),
-        Column("faults", "faults", 2),
+        columns.LDLJ,
+        columns.FAULTS,
     ),
     notes=(
         "Goals are poses, to 0.2 m and 0.1 rad. Safety, motion efficiency, velocity smoothness and compute are the "

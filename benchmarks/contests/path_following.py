@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from wayfield.benchmarks.contests import columns
 from wayfield.benchmarks.contests.contest import (
     COST,
     DEGREES,
@@ -79,10 +80,10 @@ PATH_FOLLOWING = Contest(
         Column("RMS over time (m)", "cross_track_rms_time", 4, imputed=True),
         Column("mean speed (m/s)", "mean_speed", 3, successes_only=True),
         Column("time (s)", "time", 1, successes_only=True),
-        Column("LDLJ", "ldlj", 2),
+        columns.LDLJ,
         Column("effort (rad²/s)", "effort", 0, successes_only=True),
         Column("saturated (%)", "saturated_share", 1, 100.0),
-        Column("faults", "faults", 2),
+        columns.FAULTS,
     ),
     gap=Column("gap (RMS, m)", COST, 4),
     bar=Bar(f"an RMS error (IQM, validation split) under {BAR} m", reached),
