@@ -659,19 +659,12 @@ def main(
     robot: Robot,
     speed: float | None,
     level: str,
-    also: tuple[str, ...],
-    actuators: str,
-    frames: int,
-    trials: int,
-    scenarios: int,
-    seed: int,
     wider: tuple[str, ...],
-    started_from: tuple[str, ...],
-    study: str | None,
     out: str | None,
     ship: bool,
     force: bool,
     count: int | None,
+    **asked: Any,
 ) -> None:
     """Searches the gains of POLICY for a robot, a requested speed and a level of disturbance, and writes them.
 
@@ -697,11 +690,12 @@ def main(
     name = f"{policy}_{condition(robot.name, speed, level)}.json"
     file = folder_of(suite) / name if ship else Path(out or f"results/gains/{suite}/{name}")
     _check_file(file, force)
-    starts = tuple(_start(text) for text in started_from)
-    search = Search(policy, contest, robot, speed, level, actuators, frames, trials, scenarios, seed, starts)
+    also, study = asked["also"], asked["study"]
+    asked |= {"started_from": tuple(map(_start, asked["started_from"])), "study": study or ""}
+    search = Search(policy, contest, robot, speed, level, **asked)
     if level in also or len(set(also)) < len(also):
         raise click.UsageError(f"--also {also[-1]} names a level twice; {level} is driven in any case")
-    search = dataclasses.replace(search, study=study or "", also=also, given=given_ranges(search, wider))
+    search = dataclasses.replace(search, given=given_ranges(search, wider))
     if study is not None and not study.strip():
         raise click.UsageError("--study is empty; it must name a file, or a database by its URL")
     with shared_out(count or cores()) as executor:

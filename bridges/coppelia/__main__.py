@@ -46,7 +46,9 @@ class Track(Finite):
     metavar="NAME|FILE",
     help=f"{', '.join(SCENES)}; a path or goal scenario or family; or the file of a scenario or of a scene.",
 )
-@click.option("--index", type=click.IntRange(min=0), default=0, help="Which scenario of a family.  [default: 0]")
+@click.option(
+    "--index", "number", type=click.IntRange(min=0), default=0, help="Which scenario of a family.  [default: 0]"
+)
 @click.option("--robot", type=Choice("--robot", MODELLED), help="The robot.  [default: the scene's, mostly p3dx]")
 @click.option("--port", type=click.IntRange(0, 65535), default=PORT, show_default=True, help="0 takes a free one.")
 @click.option("--host", default="127.0.0.1", show_default=True, help="The address to bind.")
@@ -69,6 +71,7 @@ class Track(Finite):
 )
 @click.option(
     "--track",
+    "half_track",
     type=Track(0.02, 1.0),
     default="coppelia",
     show_default=True,
@@ -97,12 +100,10 @@ class Track(Finite):
 )
 def main(
     scene: str,
-    index: int,
     robot: str | None,
     port: int,
     host: str,
     speed: float,
-    track: float | None,
     legacy: str | None,
     setup: str | None,
     start: bool,
@@ -118,8 +119,8 @@ def main(
         _write_legacy(Path(legacy))
         return
     logging.basicConfig(stream=sys.stderr, level=logging.INFO, format="%(asctime)s %(message)s", datefmt="%H:%M:%S")
-    conditions = Conditions(robot, half_track=track, number=index, **driven)
-    own_track = None if robot not in (None, "p3dx") else track
+    conditions = Conditions(robot, **driven)
+    own_track = None if robot not in (None, "p3dx") else conditions.half_track
     load = functools.partial(_load, conditions=conditions._replace(half_track=own_track, number=0))
     try:
         world = make_world(scene, conditions)

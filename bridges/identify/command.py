@@ -4,6 +4,7 @@ import json
 import re
 import sys
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -45,15 +46,12 @@ THROTTLED = (
 def main(
     log: tuple[Path, ...],
     robot: Robot,
-    cmd: str,
-    odom: str,
-    truth: str | None,
-    scan: str,
     stamps: str,
     cut: bool,
     split: float,
     out: Path | None,
     report: Path | None,
+    **topics: Any,
 ) -> None:
     """Finds delay, gain, lag, accelerations, limits and noise of a base from a LOG of its commands and odometry.
 
@@ -66,7 +64,7 @@ def main(
         if file is not None and not file.parent.is_dir():
             raise click.UsageError(f"{option} {str(file)!r}: there is no folder {str(file.parent)!r}")
     try:
-        recorded = read_log(log, Topics(cmd, odom, truth, scan), stamps)
+        recorded = read_log(log, Topics(**topics), stamps)
     except ModuleNotFoundError as error:
         raise click.UsageError(str(error)) from None
     except (ValueError, OSError) as error:
@@ -89,7 +87,7 @@ def main(
         raise click.UsageError(f"{recorded.name}: {error}") from None
     truthful = odometry_errors(recorded, half_track)
     say(summary(recorded, checked, found, tested, split, robot.name))
-    for slip in truthful if truth is not None else ():
+    for slip in truthful if topics["truth"] is not None else ():
         say(f"  {slip.name:<17} {slip}")
     for line in kept:
         say(f"unbounded {line}")

@@ -163,24 +163,17 @@ def sim(
     robot: Robot,
     world: str,
     scenario: str | None,
-    dynamics: str,
-    actuators: str,
-    disturbance: str,
-    seed: int,
     frames: str,
     record: str | None,
-    timeout: float,
-    start: tuple[float, float, float] | None,
     seconds: float | None,
-    beams: int | None,
-    pose_source: str,
-    others: str,
-    **talk: Any,
+    **asked: Any,
 ) -> None:
     """A robot in one of our worlds as a ROS 2 node: scan, odom, clock, ground_truth, contact; drives by cmd_vel."""
     named = tuple(each.strip() for each in frames.split(","))
     if len(named) != 3 or not all(named):
         raise click.UsageError(f"--frames {frames!r} must be three names: ODOM,BASE,SCAN")
+    kept = {each.name for each in dataclasses.fields(SimSettings)}
+    talk = {name: asked.pop(name) for name in kept & asked.keys()}
     if talk["lockstep"] and world == "path":
         raise click.UsageError("--lockstep waits for an answer to a scan; --env path has none")
     if talk["no_clock"] and (talk["rate"] != 1.0 or talk["lockstep"]):
@@ -189,23 +182,10 @@ def sim(
     recorder = recorder_of(record)
     default = {"goal": "rooms", "path": "figure_eight", "dock": "all", "team": "circle_8", "people": "crowdnav_5"}
     try:
-        body = Body(
-            robot,
-            world,
-            scenario or default[world],
-            dynamics,
-            actuators,
-            disturbance,
-            seed,
-            timeout,
-            start,
-            beams,
-            pose_source,
-            others,
-        )
+        body = Body(robot, world, scenario or default[world], **asked)
     except (ValueError, TypeError) as error:
         raise click.UsageError(str(error)) from None
-    noise = DISTURBANCES[disturbance].encoder_noise
+    noise = DISTURBANCES[asked["disturbance"]].encoder_noise
     settings = SimSettings(
         frames=(named[0], named[1], named[2]),
         seconds=math.inf if seconds is None else seconds,
