@@ -69,11 +69,11 @@ def success_difference(a: Runs, b: Runs) -> Difference:
     return difference(a.won, b.won, a.strata, "share")
 
 
-def cost_difference(a: Runs, b: Runs, contest: Contest) -> Difference:
-    """Returns the cost of A less that of B in the scenarios that both solve; ValueError as `how_often_better`.
+def cost_difference(a: Runs, b: Runs) -> tuple[Difference, float]:
+    """Returns the cost of A less that of B in the scenarios that both solve, and the lesser one of the two there.
 
-    It is the mean over the scenarios. Families in which both solve fewer than `LEAST` are left out; NaN where that
-    leaves none.
+    ValueError as `how_often_better`. It is the mean over the scenarios. Families in which both solve fewer than `LEAST`
+    are left out; NaN where that leaves none.
     """
     _check_paired(a, b)
     both = (a.won[:, :, np.newaxis] * b.won[:, np.newaxis, :]) == 1.0
@@ -81,11 +81,15 @@ def cost_difference(a: Runs, b: Runs, contest: Contest) -> Difference:
     solved = both.any(axis=(1, 2))
     kept = solved & np.array([(solved & (strata == name)).sum() >= LEAST for name in a.strata], bool)
     if not kept.any():
-        return Difference(math.nan, math.nan, math.nan, math.nan)
-    pairs = np.where(both, a.measured[:, :, np.newaxis] - b.measured[:, np.newaxis, :], np.nan)[kept]
+        return Difference(math.nan, math.nan, math.nan, math.nan), math.nan
+    one, other = (
+        np.where(both, each, np.nan)[kept] for each in (a.measured[:, :, np.newaxis], b.measured[:, np.newaxis, :])
+    )
+    pairs = one - other
     # an agent that fails where another of its set succeeds: its place is taken by the mean of the others there
     pairs = np.where(np.isnan(pairs), np.nanmean(pairs, axis=(1, 2), keepdims=True), pairs)
-    return of_pairs(pairs, strata[kept].tolist(), "mean")
+    level = min(float(np.nanmean(each, axis=(1, 2)).mean()) for each in (one, other))
+    return of_pairs(pairs, strata[kept].tolist(), "mean"), level
 
 
 def _check_paired(a: Runs, b: Runs) -> None:

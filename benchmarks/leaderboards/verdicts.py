@@ -1,10 +1,12 @@
-"""One verdict a pair of entries, defined once: by success; where that is open, by time or error of common successes.
+"""One verdict a pair of entries, defined once: by success; where that does not decide, by time or error.
 
-Success comes first, as a paired difference over the scenarios that both met. Where that is not significant, the time or
-the error decides, in the scenarios that both solve; not so where the interval of the successes speaks for the other
-side. A p is corrected by Holm's method for every comparison
-that is shown together, and every table, sentence and figure takes the verdict from here. Scenes that stand still and
-scenes that move are compared apart, so that a difference in some is claimed of those alone.
+Every difference has one of three outcomes (`outcome`): better or worse, once its p is corrected by Holm's method for
+all comparisons that are shown together; equivalent, where its 95 % interval lies within a margin that was fixed
+beforehand; or open. Success comes first, as a paired difference over the scenarios that both met. Where it is
+equivalent or open, the time or the error decides, in the scenarios that both solve; not so where the interval of the
+successes speaks for the other side. Two entries are equivalent that are so in both; who fails significantly more often
+never is, whatever a correction does to its p. Every table, sentence, star and list takes the verdict from here. Scenes
+that stand still and scenes that move are compared apart, so that a difference in some is claimed of those alone.
 """
 
 import dataclasses
@@ -22,7 +24,30 @@ from wayfield.benchmarks.records.table import Table, code_span
 from wayfield.benchmarks.statistics.crossed import LEAST
 from wayfield.benchmarks.statistics.paired import SIGNIFICANT, Difference, holm
 
-WINS, LOSES, ALIKE, SLOWER, FEW = "wins", "loses", "alike", "not at one speed", "too few scenarios"
+BETTER, WORSE, EQUIVALENT, OPEN = "better", "worse", "equivalent", "open"
+SLOWER, FEW = "not at one speed", "too few scenarios"
+MARGIN = 0.01  # of success
+COST_MARGIN = 0.05  # of the lesser time or error of the two
+MARGINS = f"{100.0 * MARGIN:g} point of success and {100.0 * COST_MARGIN:g} % of time or error"
+
+
+def outcome(low: float, high: float, corrected: float, margin: float, trifles: bool = False) -> str:
+    """Returns what a difference says of the first of two, more being better: BETTER, WORSE, EQUIVALENT or OPEN.
+
+    Args:
+        low, high: of its 95 % interval; NaN where nothing is said.
+        corrected: its p, after Holm's correction.
+        margin: within which the two are equivalent.
+        trifles: whether a difference within the margin is none even where the interval leaves out zero: so of time and
+            error, not of successes.
+    """
+    within = low >= -margin and high <= margin
+    told = low > 0.0 or high < 0.0
+    if within and (trifles or not told):
+        return EQUIVALENT
+    if told and corrected < SIGNIFICANT:
+        return BETTER if low > 0.0 else WORSE
+    return OPEN
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,6 +63,7 @@ class Pair:
     scenarios: int
     success: Difference  # of the first less the other
     cost: Difference  # likewise, where both succeed
+    level: float  # the lesser cost of the two there
     often: float  # share of the scenarios in which the first does better, draws counted half
     speeds: tuple[float, float]  # m/s
 
@@ -46,16 +72,17 @@ class Pair:
 class Verdict:
     """What is said of a pair: of its first entry beside the other."""
 
-    outcome: str  # WINS, LOSES, ALIKE, SLOWER or FEW
+    outcome: str  # BETTER, WORSE, EQUIVALENT, OPEN, SLOWER or FEW
     on_success: bool  # whether successes decide
     words: str
     p_success: float  # corrected; NaN of too few scenarios
     p_cost: float
 
     @property
-    def reversed_words(self) -> str:
+    def turned(self) -> "Verdict":
         """Returns what is said of the other entry beside the first."""
-        return _turned(self.words)
+        outcome = {BETTER: WORSE, WORSE: BETTER}.get(self.outcome, self.outcome)
+        return dataclasses.replace(self, outcome=outcome, words=_turned(self.words))
 
 
 _OPPOSITES = (
@@ -76,9 +103,6 @@ def _turned(words: str) -> str:
     return words
 
 
-OPEN = "no significant difference in success"
-
-
 def judged(lines: Sequence[Row]) -> list[Verdict]:
     """Returns the verdict of each line of tables of pairs, corrected for all of these lines together."""
     ps = holm([float(line[name] or math.nan) for line in lines for name in (P_SUCCESS, P_COST)])
@@ -86,31 +110,38 @@ def judged(lines: Sequence[Row]) -> list[Verdict]:
 
 
 def _verdict(line: Row, p_success: float, p_cost: float) -> Verdict:
-    on_time = line[UNIT] == "s"
+    cost_name = "time" if line[UNIT] == "s" else "error"
     if math.isnan(p_success):
         return Verdict(FEW, False, FEW, p_success, p_cost)
-    ahead = float(line[SUCCESS]) > 0.0
-    words = "more successes" if ahead else "fewer successes"
-    if p_success < SIGNIFICANT:
-        return Verdict(WINS if ahead else LOSES, True, words, p_success, p_cost)
-    decided = not math.isnan(p_cost) and p_cost < SIGNIFICANT
-    less = decided and float(line[COST]) < 0.0
-    if float(line[P_SUCCESS]) < SIGNIFICANT and not (decided and less == ahead):
+    low, high = _ends(line, "from", "to")
+    success = outcome(low, high, p_success, 100.0 * MARGIN)
+    words = "more successes" if float(line[SUCCESS]) > 0.0 else "fewer successes"
+    if success in (BETTER, WORSE):
+        return Verdict(success, True, words, p_success, p_cost)
+    least, most = _ends(line, "cost from", "cost to")
+    cost = outcome(-most, -least, p_cost, float(line[LEVEL] or 0.0) * COST_MARGIN, trifles=True)
+    speeds = [float(each) if each not in ("", "-") else math.nan for each in (line[SPEED], line[OTHER_SPEED])]
+    best, worst = speeds[::-1] if cost == WORSE else speeds
+    apart = bool(line[PACED]) and min(speeds) < (1.0 - PACE_TOLERANCE) * max(speeds)
+    if cost == EQUIVALENT and apart:
+        cost = OPEN  # an error at a lower speed is another one
+    if (low > 0.0 or high < 0.0) and cost != (BETTER if low > 0.0 else WORSE):
         # significant before correction: not so alike that a cost may decide which does not say the same
-        return Verdict(ALIKE, False, f"{words} (not significant)", p_success, p_cost)
-    if not decided:
-        words = f"{OPEN} or {'time' if on_time else 'error'}"
-        return Verdict(ALIKE, False, words, p_success, p_cost)
-    if on_time:
-        words = "quicker" if less else "slower"
-    else:
-        words = "errs less" if less else "errs more"
-        speeds = [float(each) if each not in ("", "-") else math.nan for each in (line[SPEED], line[OTHER_SPEED])]
-        best, worst = speeds if less else speeds[::-1]
-        if line[PACED] and best < (1.0 - PACE_TOLERANCE) * worst:
-            words += " at a lower speed" if less else " at a higher speed"
-            return Verdict(SLOWER, False, f"{OPEN}; {words}", p_success, p_cost)
-    return Verdict(WINS if less else LOSES, False, f"{OPEN}; {words}", p_success, p_cost)
+        return Verdict(OPEN, False, f"{words} (not significant)", p_success, p_cost)
+    if cost == success:  # both equivalent, or both open
+        return Verdict(cost, False, cost, p_success, p_cost)
+    before = f"{success} success; "
+    if cost in (EQUIVALENT, OPEN):
+        return Verdict(OPEN, False, f"{before}{cost} {cost_name}", p_success, p_cost)
+    words = {"time": ("quicker", "slower"), "error": ("errs less", "errs more")}[cost_name][cost == WORSE]
+    if apart and best < worst:
+        words += " at a higher speed" if cost == WORSE else " at a lower speed"
+        return Verdict(SLOWER, False, f"{before}{words}", p_success, p_cost)
+    return Verdict(cost, False, f"{before}{words}", p_success, p_cost)
+
+
+def _ends(line: Row, low: str, high: str) -> tuple[float, float]:
+    return float(line[low] or "nan"), float(line[high] or "nan")
 
 
 def pairs(rows: Episodes) -> Iterator[Pair]:
@@ -152,7 +183,7 @@ def _pairs(contest: Contest, condition: str, scenes: str, entries: Mapping[Entry
             (entries[a][0]["knows"], entries[b][0]["knows"]),
             len(runs[a].won),
             success_difference(runs[a], runs[b]),
-            cost_difference(runs[a], runs[b], contest),
+            *cost_difference(runs[a], runs[b]),
             0.5 + how_often_better(runs[a], runs[b]).value,
             (speeds[a], speeds[b]),
         )
@@ -187,6 +218,7 @@ CONDITION, SCENES, FIRST, OTHER = "condition", "scenes", "policy", "beside"
 ACCESS, OTHER_ACCESS = "has access to", "which has"
 SUCCESS, P_SUCCESS = "success (points)", "p of success"
 OF, COST, UNIT, P_COST = "compared by", "cost where both succeed", "unit", "p of cost"
+LEVEL = "lesser cost"
 OFTEN, PACED, SPEED, OTHER_SPEED = "better in (%)", "asked (m/s)", "speed (m/s)", "its speed (m/s)"
 HEADER = [
     *(CONDITION, SCENES, FIRST, OTHER, ACCESS, OTHER_ACCESS, "scenarios"),
@@ -200,6 +232,7 @@ HEADER = [
         "cost from",
         "cost to",
         UNIT,
+        LEVEL,
         P_COST,
         OFTEN,
         PACED,
@@ -219,7 +252,9 @@ def pairs_table(rows: Episodes, command: str) -> Table:
         lines.append(
             [
                 *(each.condition, each.scenes, label(each.first), label(each.other), *each.knows, str(each.scenarios)),
-                *(*success, each.contest.cost.name, *cost[:3], "mm" if in_mm else each.contest.cost.unit, cost[3]),
+                *(*success, each.contest.cost.name, *cost[:3], "mm" if in_mm else each.contest.cost.unit),
+                "" if math.isnan(each.level) else f"{(1e3 if in_mm else 1.0) * each.level:.3f}",
+                cost[3],
                 f"{100.0 * each.often:.1f}",
                 "" if each.contest.pace is None else f"{each.contest.pace:g}",
                 *(shown_speed(speed, 4) for speed in each.speeds),
@@ -229,7 +264,8 @@ def pairs_table(rows: Episodes, command: str) -> Table:
         "The first policy less the other, over the scenarios that both met, all training seeds counted: successes in "
         "points, then errors or times (mean of the differences) of the scenarios that both solve, "
         f"in families with {LEAST} such scenarios or more. From and to: 95 % intervals of paired t-tests; agents and "
-        f"scenarios are both a sample. p: before any correction. Made by {code_span(command)}."
+        f"scenarios are both a sample. Lesser cost: of the two there. p: before "
+        f"any correction. Made by {code_span(command)}."
     )
     return Table("Every pair", HEADER, lines, note)
 
@@ -249,9 +285,9 @@ def claims_table(found: Table, command: str) -> Table:
         if row[FIRST].partition(" ")[0] in TRAINED
     ]
     note = (
-        "The verdict is on success; where that is not significant, on the time or the error of the scenarios that both "
-        "solve, unless the interval of the successes speaks for the other side. Brackets: 95 % intervals. p: corrected "
-        "by Holm's method for the "
+        "The verdict is on success; where that is equivalent or open, on the time or the error of the scenarios that "
+        f"both solve, unless the interval of the successes speaks for the other side. Equivalent: within {MARGINS}. "
+        "Brackets: 95 % intervals. p: corrected by Holm's method for the "
         f"{2 * len(rows)} comparisons of all pairs of this run, decided under {SIGNIFICANT:g}. Who errs less at a "
         f"lower speed, by over {100.0 * PACE_TOLERANCE:.0f} %, has not won. Made by {code_span(command)}."
     )

@@ -28,14 +28,14 @@ from wayfield.benchmarks.leaderboards.leaderboard import Standings, front_points
 from wayfield.benchmarks.leaderboards.leaderboard import ranked as in_order
 from wayfield.benchmarks.leaderboards.matrix import Runs, how_often_better
 from wayfield.benchmarks.leaderboards.verdicts import (
-    ALIKE,
+    EQUIVALENT,
     FEW,
     FIRST,
-    LOSES,
+    OPEN,
     OTHER,
     SCENES,
     SLOWER,
-    WINS,
+    WORSE,
     Verdict,
     by_scenes,
     judged,
@@ -179,7 +179,7 @@ def _lead(rivals: Sequence[_Standing], contest: Contest) -> str:
 
 
 def _who(ranked: Sequence[_Standing], verdicts: Mapping[tuple[str, str], Verdict], contest: Contest) -> str:
-    """Returns the first entry without access to the map, and the entries that are not significantly worse."""
+    """Returns the first entry without access to the map, and how the others stand beside it."""
     rivals = _rivals(ranked)
     best = rivals[0]
     name, won = label(best.entry), _achieved(best, contest)
@@ -188,25 +188,18 @@ def _who(ranked: Sequence[_Standing], verdicts: Mapping[tuple[str, str], Verdict
     found = {}
     for each in rivals[1:]:
         pair = name, label(each.entry)
-        found[pair[1]] = verdicts[pair].outcome if pair in verdicts else _FLIPPED[verdicts[pair[::-1]].outcome]
+        found[pair[1]] = (verdicts[pair] if pair in verdicts else verdicts[pair[::-1]].turned).outcome
     if FEW in found.values():
         return f"{name} leads ({won}); {TOO_FEW}."
-    open_with = [other for other, outcome in found.items() if outcome == ALIKE]
-    at_cost = [other for other, outcome in found.items() if outcome == SLOWER]
-    # success is ranked by its mean: of those that it does not tell apart one may be quicker, or err less
-    behind = [other for other, outcome in found.items() if outcome == LOSES]
+    of = {each: [other for other, told in found.items() if told == each] for each in (EQUIVALENT, OPEN, SLOWER, WORSE)}
     sentence = f"{name} leads: {won}; next {label(rivals[1].entry)}: {_achieved(rivals[1], contest)}."
-    if behind:
+    if behind := of[WORSE]:  # success is ranked by its mean: where it does not decide, one may be quicker, or err less
         better = "quicker" if contest.cost.unit == "s" else "closer"
-        sentence += f" With no significant difference in success, {_named(behind)} {_is(behind)} {better}."
-    if open_with:
-        sentence += f" No significant difference: {_named(open_with)}."
-    if at_cost:
-        sentence += f" At another speed: {_named(at_cost)}."
+        sentence += f" With equivalent or open success, {_named(behind)} {_is(behind)} {better}."
+    for told, words in ((EQUIVALENT, "Equivalent"), (OPEN, "Open"), (SLOWER, "At another speed")):
+        if of[told]:
+            sentence += f" {words}: {_named(of[told])}."
     return sentence
-
-
-_FLIPPED = {WINS: LOSES, LOSES: WINS, ALIKE: ALIKE, SLOWER: SLOWER, FEW: FEW}
 
 
 def _named(names: Sequence[str]) -> str:

@@ -22,6 +22,7 @@ from flocks import first_episodes
 from tabulate import tabulate
 
 from wayfield import policies
+from wayfield.benchmarks.leaderboards.verdicts import MARGIN, outcome
 from wayfield.benchmarks.statistics.paired import Difference, difference
 from wayfield.envs.robots import FULL_TURN, ROBOTS, Robot, Sensors
 from wayfield.envs.scenarios import TASKS, GoalScenario
@@ -231,8 +232,8 @@ def _points(found: Difference) -> str:
 
 
 def _side(found: Difference) -> str:
-    """Returns what a difference of successes says, in words."""
-    return "worse" if found.high < 0.0 else "better" if found.low > 0.0 else "not significantly different"
+    """Returns what a difference of successes says, uncorrected: better, worse, equivalent or open."""
+    return outcome(found.low, found.high, found.p, MARGIN)
 
 
 def table(kept: Kept, moving: bool) -> str:

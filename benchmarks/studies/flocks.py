@@ -32,11 +32,12 @@ from tabulate import tabulate
 from wayfield import policies
 from wayfield.benchmarks.contests import ALL_CONTESTS, CROSS, PUBLIC_SPLIT, Contest, Course, Entrants
 from wayfield.benchmarks.contests.crowds import CLOCK as CROWDNAV_CLOCK
+from wayfield.benchmarks.leaderboards.verdicts import BETTER, EQUIVALENT, MARGIN, OPEN, WORSE, outcome
 from wayfield.benchmarks.runs.suite import Setting, episodes
 from wayfield.benchmarks.statistics.aggregates import interval, mean
 from wayfield.benchmarks.statistics.crossed import enough
-from wayfield.benchmarks.statistics.paired import SIGNIFICANT, holm
 from wayfield.benchmarks.statistics.paired import difference as paired
+from wayfield.benchmarks.statistics.paired import holm
 from wayfield.envs.scenarios.people_families import PEOPLE_FAMILIES
 from wayfield.envs.scenarios.team_families import TEAM_FAMILIES
 from wayfield.policies.learned.agent import CARD, read_card
@@ -57,7 +58,6 @@ LARGE = 16  # robots, over which fewer worlds are driven
 TESTED = 32  # robots, up to which teams are meant to be driven by what learned in teams of 8
 UP_TO = f"up to {TESTED} robots"
 LEAST_SEEDS = 3  # of training, under which nothing is claimed
-MARGIN = 0.01  # of success, within which two are equivalent
 
 TUNED = " tuned"  # behind the name of a law, of the gains that `tune` found for teams
 _ORCAS = ("orca_team", f"orca_team{TUNED}")
@@ -349,11 +349,10 @@ class Less(NamedTuple):
 
     def outcome(self, page: Sequence[float]) -> str:
         """Returns what it says of successes, corrected by Holm's method for a page's comparisons, given by their p."""
-        ahead = self.low > 0.0
-        if ahead or self.high < 0.0:
-            sure = holm([*page, self.p])[-1] < SIGNIFICANT
-            return ("better" if ahead else "worse") if sure else f"open, {'ahead' if ahead else 'behind'} uncorrected"
-        return "equivalent" if self.low >= -MARGIN and self.high <= MARGIN else "open"
+        found = outcome(self.low, self.high, holm([*page, self.p])[-1], MARGIN)
+        if found == OPEN and (self.low > 0.0 or self.high < 0.0):
+            return f"{OPEN}, {'ahead' if self.low > 0.0 else 'behind'} uncorrected"
+        return found
 
 
 def less(rows: Sequence[Row], agent: str, law: str, metric: str, solved: str = "") -> Less:
@@ -429,12 +428,12 @@ class Compared(NamedTuple):
         if self.seeds < LEAST_SEEDS:
             told = f"{self.seeds} of the {LEAST_SEEDS} seeds that a claim needs"
             return f"{agent} beside {law}, {shown}, with {told}: take {law}."
-        outcome, _, how = self.found.outcome(page).partition(", ")
-        if outcome == "better":
+        told, _, how = self.found.outcome(page).partition(", ")
+        if told == BETTER:
             return f"{agent} solves more than {law}, {shown}."
-        if outcome == "worse":
+        if told == WORSE:
             return f"{agent} solves less than {law}, {shown}: take {law}."
-        if outcome == "equivalent":
+        if told == EQUIVALENT:
             return f"{agent} and {law} are equivalent within {100.0 * MARGIN:g} point, {shown}."
         # where nobody is shown to be ahead, a law that sees more goes before an agent
         return f"{agent} beside {law} is open, {shown}{f' ({how})' if how else ''}" + (

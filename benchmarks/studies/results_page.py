@@ -26,7 +26,7 @@ from wayfield.benchmarks.leaderboards.entries import (
     solved_mean_cell,
     success_cell,
 )
-from wayfield.benchmarks.leaderboards.verdicts import COST, OPEN, Verdict, judged, shown
+from wayfield.benchmarks.leaderboards.verdicts import COST, EQUIVALENT, MARGINS, OPEN, Verdict, judged, shown
 from wayfield.benchmarks.records.episode import Episodes
 from wayfield.envs.robots import ROBOTS
 from wayfield.policies.learned.agent import CARD, read_card
@@ -256,9 +256,10 @@ def _index(kept: Kept) -> str:
 
 READING = (
     "Success is ranked first, then the time or the error of the runs that succeeded, each entry at its own speed. A "
-    "verdict is on success, as a paired difference; where that is not significant, it is on the time or the error of "
-    "the scenarios that both solve. Significant is what outlasts Holm's correction for all comparisons of the page. "
-    "`more successes (not significant)` stands where the 95 % interval alone leaves out zero, and time or error do not "
+    "verdict is on success, as a paired difference; where that is equivalent or open, it is on the time or the error "
+    "of the scenarios that both solve. Better and worse are what outlasts Holm's correction for all comparisons of the "
+    f"page; equivalent is a 95 % interval within {MARGINS}; all else is open. `more successes (not significant)` is "
+    "open too: the interval alone leaves out zero, and time or error do not "
     f"say the same. Who errs less at a lower speed, by over {100.0 * PACE_TOLERANCE:.0f} %, has not won."
 )
 
@@ -377,8 +378,8 @@ def _side_by_side(
     )
     by = " and ".join(dict.fromkeys(row["compared by"] for found in told.values() for row, _ in found))
     yield (
-        f"In each condition, by success and {by}; more and fewer are of successes, n. s. is not significant, - no "
-        "significant difference, an empty cell a set of gains that did not drive there. Every difference, with its "
+        f"In each condition, by success and {by}; more and fewer are of successes, n. s. is not significant, an "
+        "empty cell a set of gains that did not drive there. Every difference, with its "
         "interval and p, is in the file of them below."
     )
     for scenes, policy in dict.fromkeys(key[1:] for key in told):
@@ -386,7 +387,7 @@ def _side_by_side(
         for condition in conditions:
             for row, verdict in told.get((condition, scenes, policy), ()):
                 words = functools.reduce(lambda told, pair: told.replace(*pair), _SHORT, _short(verdict.words))
-                names.setdefault(row["beside"], {})[condition] = words or "-"
+                names.setdefault(row["beside"], {})[condition] = words
         heads = [each.removeprefix(f"{common}, ").partition(",")[0].removesuffix(" disturbance") for each in conditions]
         lines = [[name, *(words.get(each, "") for each in conditions)] for name, words in names.items()]
         yield f"### {_place(common, scenes)}: {policy}"
@@ -398,8 +399,8 @@ def _place(condition: str, scenes: str) -> str:
 
 
 def _short(words: str) -> str:
-    """Returns the words of a verdict without what they say of success where that decides nothing; "" of no verdict."""
-    return "" if words.startswith(f"{OPEN} or") else words.removeprefix(f"{OPEN}; ")
+    """Returns the words of a verdict that decide it: without the success where time or error do."""
+    return words.rpartition("; ")[2]
 
 
 def _with_p(cell: str, p: str) -> str:
@@ -475,42 +476,47 @@ def _trained(rows: Sequence[Mapping[str, str]]) -> list[Mapping[str, str]]:
 
 def verdict_of(
     lines: Sequence[Mapping[str, str]], scenes: str, one: tuple[str, str], other: tuple[str, str]
-) -> tuple[str, Mapping[str, str], bool] | None:
-    """Returns what is said of an entry beside another on a leaderboard, its line, and whether that is turned round."""
+) -> tuple[Verdict, Mapping[str, str], bool] | None:
+    """Returns the verdict on an entry beside another on a leaderboard, its line, and whether it is turned round."""
     main = lines[0]["condition"]
     for line, verdict in zip(lines, judged(lines), strict=True):
         if line["scenes"] == scenes and line["condition"] == main:
             if (line["policy"], line["beside"]) == (_label(one), _label(other)):
-                return verdict.words, line, False
+                return verdict, line, False
             if (line["policy"], line["beside"]) == (_label(other), _label(one)):
-                return verdict.reversed_words, line, True
+                return verdict.turned, line, True
     return None
 
 
 def _beside(lines: Sequence[Mapping[str, str]], row: Mapping[str, str], agent: tuple[str, str]) -> str:
     found = verdict_of(lines, row["scenes"], _entry(row), agent)
-    return "" if found is None else _short(found[0]) or "no significant difference"
+    return "" if found is None else _short(found[0].words)
 
 
 Told = tuple[Task, Sequence[Mapping[str, str]], Sequence[Mapping[str, str]]]
 
 
 def _sentences(found: Sequence[Told]) -> str:
-    """Returns which policy comes first at what without a map, and in parentheses who is not significantly behind."""
+    """Returns which policy comes first at what without a map, and in parentheses who is equivalent, and who is open."""
     first: dict[str, str] = {}
     for (heading, _, _, kinds), board, lines in found:
         for kind in kinds:
             mine = [row for row in _best_sets([row for row in board if row["scenes"] == kind]) if not _has_map(row)]
             verdicts = [(row, verdict_of(lines, kind, _entry(mine[0]), _entry(row))) for row in mine[1:]]
-            near = [f"`{row['policy']}`" for row, verdict in verdicts if verdict and _open(verdict[0])]
-            first[f"{heading}, {kind}"] = f"`{mine[0]['policy']}`" + (f" ({', '.join(near)})" if near else "")
+            told = [(f"`{row['policy']}`", each[0].outcome) for row, each in verdicts if each]
+            near = [
+                f"{outcome}: {', '.join(name for name, each in told if each == outcome)}"
+                for outcome in (EQUIVALENT, OPEN)
+                if outcome in dict(told).values()
+            ]
+            first[f"{heading}, {kind}"] = f"`{mine[0]['policy']}`" + (f" ({'; '.join(near)})" if near else "")
     told = []
     for places in (_WAYS, _DOCKS):
         parts = [words.format(first[place]) for place, words in places.items() if place in first]
         if parts:
             told.append(", ".join(parts[:-1]) + (", and " if len(parts) > 1 else "") + parts[-1] + ".")
     if any("(" in each for each in first.values()):
-        told.append("In parentheses: who is not significantly behind, corrected for all comparisons of the page.")
+        told.append(f"Equivalent: within {MARGINS}. Open: neither that nor better, corrected for all of the page.")
     return " ".join(told)
 
 
@@ -527,11 +533,6 @@ _DOCKS = {
     "Dock at a pose, at a wall or in a berth": "{} at a wall or in a berth",
     "Dock at a pose, moving": "{} where others move",
 }
-
-
-def _open(words: str) -> bool:
-    """Returns whether words of a verdict leave open who is ahead; less error at a lower speed is no open matter."""
-    return words.startswith(f"{OPEN} or") or words.endswith("(not significant)")
 
 
 def _has_map(row: Mapping[str, str]) -> bool:
@@ -593,25 +594,25 @@ def disagreements(kept: Kept, advice: str) -> list[str]:
                 first = next(row for row in mine if _has_map(row) == _has_map(own))
                 verdict = None if own == first else verdict_of(lines, kind, _entry(own), _entry(first))
                 behind = ("slower", "errs more", "errs more at a higher speed")  # the prose names no speed
-                if verdict and (verdict[0].startswith("fewer successes") or verdict[0].endswith(behind)):
+                if verdict and (verdict[0].words.startswith("fewer successes") or verdict[0].words.endswith(behind)):
                     found.append(
-                        f"{policy} where {words!r} ({task}): beside {_named(_entry(first))} it has {verdict[0]}"
+                        f"{policy} where {words!r} ({task}): beside {_named(_entry(first))} it has {verdict[0].words}"
                     )
     return found
 
 
-def _lead(found: tuple[str, Mapping[str, str], bool]) -> str:
-    words, line, turned = found
-    on_success = not words.startswith(f"{OPEN}; ")
+def _lead(found: tuple[Verdict, Mapping[str, str], bool]) -> str:
+    verdict, line, turned = found
+    on_success = ";" not in verdict.words
     value, low, high = (
         line[name] for name in (("success (points)", "from", "to") if on_success else (COST, "cost from", "cost to"))
     )
     if not value or not low:
-        return words
+        return verdict.words
     numbers = [-float(each) if turned else float(each) for each in (value, low, high)]
     ends = sorted(numbers[1:])
     unit = "points" if on_success else line["unit"]
-    return f"{words}, {numbers[0]:+.1f} [{ends[0]:+.1f}, {ends[1]:+.1f}] {unit}"
+    return f"{verdict.words}, {numbers[0]:+.1f} [{ends[0]:+.1f}, {ends[1]:+.1f}] {unit}"
 
 
 def _advice(kept: Kept) -> list[str]:

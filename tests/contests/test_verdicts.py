@@ -4,6 +4,7 @@ import json
 import math
 
 import pytest
+from oracles import table_formulas
 from oracles.drawn_tables import (
     COMMAND,
     NAN,
@@ -19,50 +20,74 @@ from wayfield.benchmarks.leaderboards.leaderboard import contest_tables
 from wayfield.benchmarks.records.episode import Episodes
 from wayfield.benchmarks.report import findings
 
-OPEN = "no significant difference in success"
-SAME = ("0.6", "0.6")
+SAME, SLOW = ("0.6", "0.6"), ("0.5", "0.6")
+FEWER, MORE = ("fewer successes", "more successes")
+UNSURE = (f"{FEWER} (not significant)", f"{MORE} (not significant)")
 
 
 def line_of(
-    success: float, p_success: float, cost: float, p_cost: float, unit: str = "s", speeds: tuple[str, str] = ("", "")
+    success: tuple[float, float, float],
+    cost: tuple[float, float, float],
+    unit: str = "s",
+    speeds: tuple[str, str] = SAME,
 ) -> dict[str, str]:
-    """Returns a line of a table of pairs."""
-    told = {"success (points)": f"{success}", "p of success": "" if math.isnan(p_success) else f"{p_success}"}
-    told |= {"cost where both succeed": f"{cost}", "p of cost": "" if math.isnan(p_cost) else f"{p_cost}"}
+    """Returns a line of a table of pairs: of each difference the ends of its interval and its p, the lesser cost 10."""
+    told = {"success (points)": f"{sum(success[:2]) / 2}", "cost where both succeed": f"{sum(cost[:2]) / 2}"}
+    ends = dict(
+        zip(("from", "to", "p of success", "cost from", "cost to", "p of cost"), (*success, *cost), strict=True)
+    )
+    told |= {name: "" if math.isnan(each) else f"{each}" for name, each in ends.items()} | {"lesser cost": "10"}
     asked = "0.6" if unit == "mm" else ""
     return told | {"unit": unit, "asked (m/s)": asked, "speed (m/s)": speeds[0], "its speed (m/s)": speeds[1]}
+
+
+# of success in points, of cost where the lesser is 10, so that half a second is within the margin
+BETTER, WORSE, BARELY = (3.0, 7.0, 1e-6), (-7.0, -3.0, 1e-6), (-7.0, -0.2, 0.04)
+ALIKE, OPEN = (-0.5, 0.9, 0.9), (-3.0, 3.0, 0.9)
+LESS, MORE_COST, TRIFLE, NONE = (-3.0, -1.0, 1e-6), (1.0, 3.0, 1e-6), (0.1, 0.4, 1e-6), (NAN, NAN, NAN)
 
 
 @pytest.mark.parametrize(
     ("line", "outcome", "words", "turned"),
     [
-        (line_of(5, 1e-6, 3, 1e-6), "wins", "more successes", "fewer successes"),  # however slow
-        (line_of(-5, 1e-6, -3, 1e-6), "loses", "fewer successes", "more successes"),
-        (line_of(0.1, 0.9, -3, 1e-6), "wins", f"{OPEN}; quicker", f"{OPEN}; slower"),
-        (line_of(0.1, 0.9, 3, 1e-6), "loses", f"{OPEN}; slower", f"{OPEN}; quicker"),
-        (line_of(0.1, 0.9, 3, 0.9), "alike", f"{OPEN} or time", f"{OPEN} or time"),
-        (line_of(0.1, 0.9, 3, 0.9, "mm", SAME), "alike", f"{OPEN} or error", f"{OPEN} or error"),
+        (line_of(BETTER, MORE_COST), "better", MORE, FEWER),  # however slow
+        (line_of(WORSE, LESS), "worse", FEWER, MORE),
+        (line_of(OPEN, LESS), "better", "open success; quicker", "open success; slower"),
+        (line_of(ALIKE, MORE_COST), "worse", "equivalent success; slower", "equivalent success; quicker"),
+        (line_of(ALIKE, TRIFLE), "equivalent", "equivalent", "equivalent"),  # as safe, and a little slower
+        (line_of(ALIKE, OPEN), "open", *["equivalent success; open time"] * 2),
+        (line_of(OPEN, TRIFLE), "open", *["open success; equivalent time"] * 2),
+        (line_of(OPEN, OPEN), "open", "open", "open"),
+        (line_of(OPEN, NONE, "mm"), "open", "open", "open"),
         # a difference that correction takes away is no likeness: a time that says otherwise decides nothing
-        (line_of(-5, 0.04, -3, 1e-6), "alike", *(f"{each} successes (not significant)" for each in ("fewer", "more"))),
-        (line_of(-5, 0.04, -3, 0.9), "alike", *(f"{each} successes (not significant)" for each in ("fewer", "more"))),
-        (line_of(-5, 0.04, 3, 1e-6), "loses", f"{OPEN}; slower", f"{OPEN}; quicker"),
-        (line_of(0, 0.9, -3, 1e-6, "mm", SAME), "wins", f"{OPEN}; errs less", f"{OPEN}; errs more"),
+        (line_of(BARELY, LESS), "open", *UNSURE),
+        (line_of(BARELY, TRIFLE), "open", *UNSURE),
+        (line_of((-0.9, -0.1, 0.04), TRIFLE), "open", *UNSURE),  # who fails more often is no tie, however little
+        (line_of(BARELY, MORE_COST), "worse", "open success; slower", "open success; quicker"),
+        (line_of(ALIKE, LESS, "mm"), "better", "equivalent success; errs less", "equivalent success; errs more"),
         (
-            line_of(0, 0.9, -3, 1e-6, "mm", ("0.5", "0.6")),
+            line_of(ALIKE, LESS, "mm", SLOW),
             "not at one speed",
-            f"{OPEN}; errs less at a lower speed",
-            f"{OPEN}; errs more at a higher speed",
+            "equivalent success; errs less at a lower speed",
+            "equivalent success; errs more at a higher speed",
         ),
-        (line_of(0, 0.9, -3, 1e-6, "mm", ("0.6", "0.5")), "wins", f"{OPEN}; errs less", f"{OPEN}; errs more"),
-        (line_of(0, NAN, -3, NAN), "too few scenarios", "too few scenarios", "too few scenarios"),
+        (
+            line_of(ALIKE, LESS, "mm", SLOW[::-1]),
+            "better",
+            *(f"equivalent success; errs {x}" for x in ("less", "more")),
+        ),
+        (line_of(ALIKE, TRIFLE, "mm", SLOW), "open", *["equivalent success; open error"] * 2),
+        (line_of(NONE, NONE), "too few scenarios", "too few scenarios", "too few scenarios"),
     ],
 )
 def test_a_verdict_is_on_success_then_on_what_both_solve(
     line: dict[str, str], outcome: str, words: str, turned: str
 ) -> None:
-    others = [line_of(0, 0.8, 0, 0.8)] * 3  # which correction counts
+    others = [line_of(OPEN, OPEN)] * 3  # which correction counts
     (found, *_) = verdicts.judged([line, *others])
-    assert (found.outcome, found.words, found.reversed_words) == (outcome, words, turned)
+    assert (found.outcome, found.words, found.turned.words) == (outcome, words, turned)
+    ps = table_formulas.stepped_down([float(line[name] or "nan") for name in ("p of success", "p of cost")] + [0.9] * 6)
+    assert table_formulas.verdict(line, *ps[:2]) == words
 
 
 def test_scenes_that_stand_still_and_that_move_are_compared_apart() -> None:

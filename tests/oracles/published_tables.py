@@ -271,8 +271,7 @@ _PS = ("p of success", "p of cost")
 
 def _in_columns(words: str) -> str:
     """Returns how a table with a column a condition shows a verdict."""
-    told = words.rpartition("; ")[2].replace(" successes", "").replace("not significant", "n. s.")
-    return "-" if " or " in words else told
+    return words.rpartition("; ")[2].replace(" successes", "").replace("not significant", "n. s.")
 
 
 def _shown_verdict(page: str, line: Row) -> str:

@@ -169,20 +169,28 @@ def stepped_down(ps: Sequence[float]) -> list[float]:
 
 def verdict(line: Mapping[str, str], p_success: float, p_cost: float) -> str:
     """Returns what is to be said of a line of pairs, by its corrected p of success and of cost."""
-    more = "more" if float(line["success (points)"]) > 0.0 else "fewer"
     if math.isnan(p_success):
         return "too few scenarios"
-    if p_success < 0.05:
-        return f"{more} successes"
-    timed = line["unit"] == "s"
-    less = p_cost < 0.05 and float(line["cost where both succeed"]) < 0.0
-    if float(line["p of success"]) < 0.05 and not (p_cost < 0.05 and less == (more == "more")):
-        return f"{more} successes (not significant)"
-    if not p_cost < 0.05:
-        return f"no significant difference in success or {'time' if timed else 'error'}"
-    if timed:
-        return f"no significant difference in success; {'quicker' if less else 'slower'}"
-    speeds = float(line["speed (m/s)"]), float(line["its speed (m/s)"])
-    best, worst = speeds if less else speeds[::-1]
-    apart = f" at a {'lower' if less else 'higher'} speed" if line["asked (m/s)"] and best < 0.97 * worst else ""
-    return f"no significant difference in success; errs {'less' if less else 'more'}{apart}"
+    low, high = float(line["from"]), float(line["to"])
+    side = (low > 0.0) - (high < 0.0)
+    many = f"{'more' if float(line['success (points)']) > 0.0 else 'fewer'} successes"
+    if side and p_success < 0.05:
+        return many
+    success = "equivalent" if not side and low >= -1.0 and high <= 1.0 else "open"
+    timed, cost, less = line["unit"] == "s", "open", 0
+    speeds = [float(line[each].strip("-") or "nan") for each in ("speed (m/s)", "its speed (m/s)")]
+    apart = line["asked (m/s)"] != "" and min(speeds) < 0.97 * max(speeds)
+    if line["cost from"]:
+        ends = float(line["cost from"]), float(line["cost to"])
+        if max(map(abs, ends)) <= 0.05 * float(line["lesser cost"]):
+            cost = "open" if apart else "equivalent"
+        elif p_cost < 0.05 and ends[0] * ends[1] > 0.0:
+            less = 1 if ends[1] < 0.0 else -1
+    if side and side != less:
+        return f"{many} (not significant)"
+    if not less:
+        return cost if cost == success else f"{success} success; {cost} {'time' if timed else 'error'}"
+    words = ("quicker", "slower") if timed else ("errs less", "errs more")
+    best, worst = speeds[::less]
+    told = f" at a {'lower' if less > 0 else 'higher'} speed" if apart and best < worst else ""
+    return f"{success} success; {words[less < 0]}{told}"
