@@ -63,6 +63,7 @@ DOCKING = Contest(
     env_kwargs={"num_beams": 72, "max_range": 5.0},
     columns=(
         columns.COLLISION,
+        columns.TIMEOUT,
         Column("position error (mm)", "final_position_error", 1, 1000.0, with_interval=True),
         Column("heading error (mrad)", "final_heading_error", 1, 1000.0, with_interval=True),
         columns.TIME,

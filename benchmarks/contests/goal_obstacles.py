@@ -58,6 +58,7 @@ GOAL_OBSTACLES = Contest(
     env_kwargs={"num_beams": 72, "max_range": 5.0},
     columns=(
         columns.COLLISION,
+        columns.TIMEOUT,
         columns.SPL,
         columns.SCT,
         Column("BARN", "barn_score", 3),

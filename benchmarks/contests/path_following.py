@@ -70,6 +70,8 @@ PATH_FOLLOWING = Contest(
     overview=("pure_pursuit", "regulated_pure_pursuit", "stanley", "mpc", "ppo"),
     env_kwargs={},
     columns=(
+        Column("left corridor (%)", "left_corridor", 1, 100.0),
+        columns.TIMEOUT,
         Column("RMS error (m)", COST, 4),
         Column("RMS error, IQM (m)", COST, 4, with_interval=True, reduction="iqm"),
         Column("acquisition (s)", "acquisition_time", 2, successes_only=True),

@@ -18,6 +18,10 @@ Array = NDArray[np.float64]
 
 COMPARED = ("test", "claims", OWN_SPLIT, PUBLIC_SPLIT)  # the splits that entries are ranked on
 OFF_PACE = "‡"
+# the share of worlds whose score is the most that it can be, and s by which a success is later than that asks for
+OF_BARN, BARN_CEILING = ("barn_at_ceiling", "barn_late"), 0.5
+TIMEOUT = "timeout"
+ENDINGS = ("collision", "left_corridor", TIMEOUT)  # other than success; they exclude each other
 MAP = "map"  # what an upper reference has access to
 
 _NEEDED = ("contest", "family", "split", "failure_cost", "agent_seed", "knows")
@@ -28,7 +32,12 @@ def greatest(values: Array) -> Array:
     return np.asarray(np.max(values, axis=-1))
 
 
-REDUCTIONS = {"iqm": iqm, "mean": mean, "max": greatest}
+def least(values: Array) -> Array:
+    """Returns the least value over the last axis."""
+    return np.asarray(np.min(values, axis=-1))
+
+
+REDUCTIONS = {"iqm": iqm, "mean": mean, "max": greatest, "min": least}
 
 
 def check_columns(rows: Episodes) -> None:
@@ -111,7 +120,26 @@ def measured(column: Column, rows: Episodes, contest: Contest) -> Array:
     """Returns what a column shows of each episode, before it is reduced."""
     if column.metric == COST:
         return costs(rows, contest)
+    if column.metric in ENDINGS:
+        return ended(rows, column.metric, contest)
+    if column.metric in OF_BARN:
+        at_ceiling = rows["barn_score"] >= BARN_CEILING - 1e-9
+        late = rows["time"] * (1.0 - rows["barn_score"] / BARN_CEILING)
+        return np.asarray(at_ceiling, np.float64) if column.metric == OF_BARN[0] else np.where(at_ceiling, 0.0, late)
     return imputed(rows, column.metric) if column.imputed else rows.numbers(column.metric)
+
+
+def ended(rows: Episodes, how: str, contest: Contest) -> Array:
+    """Returns which episodes failed in a way; NaN of all where one does not tell, as in rows of earlier versions.
+
+    One that failed in none of the other ways that the contest knows has run out of time.
+    """
+    found = rows.numbers(how)
+    if how == TIMEOUT and np.isnan(found).all():
+        others = [each.metric for each in contest.columns if each.metric in ENDINGS and each.metric != TIMEOUT]
+        found = 1.0 - rows["success"] - sum(rows.numbers(each) for each in others)
+    found = np.where(rows["success"] == 1.0, 0.0, found)
+    return np.full(len(rows), np.nan) if np.isnan(found).any() else found
 
 
 def success_interval(rows: Episodes) -> tuple[float, float] | None:

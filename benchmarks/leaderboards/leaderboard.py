@@ -1,6 +1,7 @@
 """The tables of a contest, from the rows of its episodes and the measured decision times."""
 
 import dataclasses
+import itertools
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 
@@ -18,6 +19,7 @@ from wayfield.benchmarks.leaderboards.crowd_tables import crowd_tables
 from wayfield.benchmarks.leaderboards.disclosure import disclosed
 from wayfield.benchmarks.leaderboards.entries import (
     COMPARED,
+    ENDINGS,
     OFF_PACE,
     Entry,
     by_entry,
@@ -104,7 +106,7 @@ def contest_tables(rows: Sequence[Row], decisions: Sequence[Row], command: str, 
             test = Standings(contest.of_rows(tested), title, by_entry(tested), command)
             seen = by_entry(mine.where(split=TRANSFER_SPLIT))
             found[stem] = standings_table(test, seen, decisions.where(robot=robot) if decisions else decisions)
-            found[f"{stem}_board"] = board_table(test)
+            found[f"{stem}_board"] = board_table(test, decisions.where(robot=robot) if decisions else decisions)
             found[f"{stem}_told"] = told_table(test)
             found[f"{stem}_families"] = family_table(test)
             if any(mine.unique("tier")):
@@ -132,12 +134,19 @@ SCENES, PLACE_POLICY, PLACE_GAINS, SUCCESS, SPEED, ACCESS, LEARNED = (
 )
 
 
+DECISION = "ms a decision"
 # what a leaderboard of path followers has beside the tracking error: header, metric, factor to its unit, decimals
 _BEFORE_TRACKING = (("acquisition (s)", "acquisition_time", 1.0, 2), ("area (mm s)", "acquisition_area", 1e3, 0))
 
 
-def board_table(standings: Standings) -> Table:
-    """Returns the leaderboard: of each kind of scenes the entries as they are ranked, with success and cost apart."""
+_SMOOTH = ("min_clearance", "ldlj")  # what a leaderboard has behind the speed
+
+
+def board_table(standings: Standings, decisions: Episodes) -> Table:
+    """Returns the leaderboard: of each kind of scenes the entries as they are ranked, with success and cost apart.
+
+    Columns that say nothing of anybody are left out.
+    """
     contest = standings.contest
     kinds: dict[str, dict[Entry, Episodes]] = {}
     for entry, rows in standings.entries.items():
@@ -145,6 +154,7 @@ def board_table(standings: Standings) -> Table:
             kinds.setdefault(scenes, {})[entry] = mine
     cost = contest.cost
     more = _BEFORE_TRACKING if contest.compared_by else ()
+    ends, smooth = ([each for each in contest.columns if each.metric in of] for of in (ENDINGS, _SMOOTH))
     lines = []
     for scenes, entries in kinds.items():
         for entry, rows in ranked(dataclasses.replace(standings, entries=entries)).items():
@@ -153,15 +163,29 @@ def board_table(standings: Standings) -> Table:
                 solved_mean_cell(rows, metric, contest, factor, decimals) for _, metric, factor, decimals in more
             ]
             speed = shown_speed(mean_speed(rows), 3)
-            cells = [scenes, *entry, success_cell(rows), *measured, speed]
+            cells = [
+                scenes,
+                *entry,
+                success_cell(rows),
+                *(cell(each, rows, contest) for each in ends),
+                *measured,
+                speed,
+            ]
+            times = decisions.where(policy=entry[0], gains_name=entry[1], batch=1) if decisions else ()
+            took = f"{times[0]['median_ms']:.3f}" if times else ""
+            cells += [*(cell(each, rows, contest) for each in smooth), took]
             lines.append([*cells, rows[0]["knows"], rows[0]["learned_from"]])
     unit = "mm" if cost.unit == "m" else cost.unit
     note = (
         f"Ranked by success, then by {cost.name}. {cost.name[0].upper()}{cost.name[1:]}: mean of the runs that "
-        f"succeeded, each entry at its own speed. {BRACKETS} {standings.source}"
+        f"succeeded, each entry at its own speed. Collisions, timeouts and left corridors are shares of all runs; "
+        f"least clearance and LDLJ are means of all runs. {BRACKETS} {standings.source}"
     )
-    header = [SCENES, PLACE_POLICY, PLACE_GAINS, SUCCESS, f"{cost.name} ({unit})", *(name for name, *_ in more), SPEED]
-    return Table(f"{standings.title}: leaderboard", [*header, ACCESS, LEARNED], lines, note)
+    header = [SCENES, PLACE_POLICY, PLACE_GAINS, SUCCESS, *(each.header for each in ends), f"{cost.name} ({unit})"]
+    header += [*(name for name, *_ in more), SPEED, *(each.header for each in smooth), DECISION, ACCESS, LEARNED]
+    said = [k < 3 or any(line[k] for line in lines) for k in range(len(header))]
+    header, *lines = (list(itertools.compress(line, said)) for line in (header, *lines))
+    return Table(f"{standings.title}: leaderboard", header, lines, note)
 
 
 def standings_table(standings: Standings, seen: Mapping[Entry, Episodes], decisions: Episodes) -> Table:

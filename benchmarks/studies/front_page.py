@@ -20,6 +20,7 @@ from results_page import KEPT, ONLY_MAP, README, Kept, Row, marked, verdict_of
 from wayfield import policies
 from wayfield.benchmarks.contests import PACE_TOLERANCE
 from wayfield.benchmarks.figures.drawing import RC
+from wayfield.benchmarks.leaderboards.verdicts import EQUIVALENT
 from wayfield.benchmarks.statistics.aggregates import interval, mean
 from wayfield.envs.tasks.task import CONTROL_PERIOD
 
@@ -118,12 +119,14 @@ def _match(board: Sequence[Row], lines: Sequence[Row], kind: str, where: str, un
     found = verdict_of(lines, kind, _entry(controller), _entry(agent))
     if found is None:
         return None
-    words, line, _ = found
-    column = "success (%)" if unit == "%" else list(agent)[4]
+    verdict, line, _ = found
+    column = "success (%)" if unit == "%" else next(name for name in agent if name.endswith(f"error ({unit})"))
     speeds = float(controller["speed (m/s)"]), float(agent["speed (m/s)"])
     apart = unit != "%" and abs(speeds[0] - speeds[1]) > PACE_TOLERANCE * speeds[1]
     bars = [Bar(row["policy"], *_numbers(row[column])) for row in (controller, agent)]
-    return Match(where, bars[0], bars[1], int(line["scenarios"]), _outcome(words, unit), speeds if apart else None)
+    return Match(
+        where, bars[0], bars[1], int(line["scenarios"]), _outcome(verdict.words, unit), speeds if apart else None
+    )
 
 
 def _entry(row: Row) -> tuple[str, str]:
@@ -156,8 +159,10 @@ def _outcome(words: str, unit: str) -> str:
     """Returns what the words of a verdict say of the successes, or of errors (`errs less`)."""
     if "not significant" in words:
         return OPEN
+    of = "success" if unit == "%" else "error"
     won, lost = ("more successes", "fewer successes") if unit == "%" else ("errs less", "errs more")
-    return WON if won in words else LOST if lost in words else TIED if "equivalent" in words else OPEN
+    tied = words == EQUIVALENT or f"{EQUIVALENT} {of}" in words
+    return WON if won in words else LOST if lost in words else TIED if tied else OPEN
 
 
 def _crowds(kept: Kept) -> Iterator[Match]:

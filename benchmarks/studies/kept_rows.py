@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from wayfield.benchmarks.contests import CONTESTS, COST, Contest
+from wayfield.benchmarks.contests import ALL_CONTESTS, COST, Contest
 from wayfield.benchmarks.leaderboards.entries import COMPARED
 from wayfield.benchmarks.records.episode import Episodes, Row
 from wayfield.system.checks import MOST_BYTES
@@ -25,7 +25,7 @@ _NAMED = (
     *("actuators", "seed", "episode", "split", "tier", "speed", "agent_seed", "knows", "parameters", "learned_from"),
     "failure_cost",
 )
-_EVERYWHERE = ("success", "collision", "mean_speed")
+_EVERYWHERE = ("success", "collision", "left_corridor", "timeout", "mean_speed", "time")
 
 
 def measured(contest: Contest, split: str) -> tuple[str, ...]:
@@ -39,7 +39,7 @@ def thinned(rows: Sequence[Row]) -> dict[str, list[str]]:
     """Returns the columns of contests that are kept, as text, numbers rounded; what is not kept is empty."""
     wanted = {
         (contest.name, split): measured(contest, split)
-        for contest in CONTESTS.values()
+        for contest in ALL_CONTESTS.values()
         for split in {row["split"] for row in rows}
     }
     columns = (*_NAMED, *dict.fromkeys(name for names in wanted.values() for name in names))

@@ -6,7 +6,9 @@ them in docs/results, and what made them (.json). From those files alone come do
 tables of README.md, so that a test can make them again.
 """
 
+import csv
 import datetime
+import io
 import re
 import subprocess
 import sys
@@ -30,6 +32,7 @@ from wayfield.benchmarks.records.episode import Episodes, Row
 from wayfield.benchmarks.records.results import EPISODES, SWEEP, TABLE, read_rows
 from wayfield.benchmarks.records.run_folder import MANIFEST, file_digest, read_manifest
 from wayfield.benchmarks.report.page import commit
+from wayfield.benchmarks.runs.decisions import DECISIONS
 from wayfield.system.command_line import Names, OneLineErrors
 from wayfield.system.identity import source_digest
 from wayfield.system.storage import write_whole
@@ -103,7 +106,8 @@ def made_again(home: Path) -> dict[str, bytes]:
     store = Kept(home)
     for section, made in store.sections():
         if (name := f"{ROWS}/{section.name}{SUFFIX}") in store:
-            store.changed |= tables(section, unpacked(store.content(name), section.name), made.command)
+            times = store.content(decisions_of(section)) if decisions_of(section) in store else b""
+            store.changed |= tables(section, unpacked(store.content(name), section.name), made.command, times)
     return store.changed | pages(store) | front_page.readme(store)
 
 
@@ -148,19 +152,21 @@ def gathered(section: Section, folder: Path) -> dict[str, bytes]:
     if not isinstance(listed, dict) or not isinstance(code, str) or not isinstance(command, str):
         raise ValueError(f"{folder / MANIFEST} must tell command, code and files of a run")
     found: dict[str, bytes] = {}
-    for name in (*section.tables, *section.pictures, EPISODES, SWEEP):
+    for name in (*section.tables, *section.pictures, EPISODES, SWEEP, DECISIONS):
         file = folder / name
         if name not in listed:
             continue  # a run of some policies alone has no table of them all
         if not file.is_file() or file_digest(file) != listed[name]:
             raise ValueError(f"{file} is not as the run wrote it: run `{section.command}` again")
-        if name not in (EPISODES, SWEEP) and not (section.from_rows and name in section.tables):
+        if name == DECISIONS:
+            found[decisions_of(section)] = file.read_bytes()
+        elif name not in (EPISODES, SWEEP) and not (section.from_rows and name in section.tables):
             found[section.place(name)] = file.read_bytes()
     rows = read_rows(folder) if EPISODES in listed else Episodes()
     if rows:
         kept = thinned(rows) if section.of_contest else {name: rows.texts(name) for name in rows.names}
         found[f"{ROWS}/{section.name}{SUFFIX}"] = content = packed(kept)
-        found |= tables(section, unpacked(content, section.name), command)
+        found |= tables(section, unpacked(content, section.name), command, found.get(decisions_of(section), b""))
     if not any(section.place(name) in found for name in section.tables):
         raise ValueError(f"{folder} has none of the tables {', '.join(section.tables)}")
     date = datetime.datetime.fromtimestamp((folder / MANIFEST).stat().st_mtime, datetime.UTC).date().isoformat()
@@ -170,8 +176,17 @@ def gathered(section: Section, folder: Path) -> dict[str, bytes]:
     return found
 
 
-def tables(section: Section, rows: Sequence[Row], command: str) -> dict[str, bytes]:
-    """Returns the tables of contests and documents, made from the rows that are kept, by their place."""
+def decisions_of(section: Section) -> str:
+    """Returns where the repository keeps how long the decisions of a section's policies took."""
+    return f"{KEPT}/{section.name}_{DECISIONS}"
+
+
+def tables(section: Section, rows: Sequence[Row], command: str, decisions: bytes = b"") -> dict[str, bytes]:
+    """Returns the tables of contests and documents, made from the rows that are kept, by their place.
+
+    Args:
+        decisions: the content of the run's file of decision times; nothing where it has none.
+    """
     if section.name == DOCUMENTS:
         *whole, compared = document_tables(Episodes.of(rows), documents())
         files = [name for name in section.tables if name != TABLE]
@@ -182,7 +197,8 @@ def tables(section: Section, rows: Sequence[Row], command: str) -> dict[str, byt
         return {section.place(TABLE): page.encode(), **cells}
     if not section.of_contest:
         return {}
-    made = contest_tables(rows, [], command, section.ladder)
+    times = list(csv.DictReader(io.StringIO(decisions.decode())))
+    made = contest_tables(rows, times, command, section.ladder)
     there = {name: made[name.removesuffix(".csv")] for name in section.tables if name.removesuffix(".csv") in made}
     return {section.place(name): table.csv().encode() for name, table in there.items()}
 

@@ -123,7 +123,7 @@ def samples(section: Section, kept: Kept) -> Iterator[Sample]:
     if section.name == interval_coverage.SUITE:
         yield from _of_coverage(kept.text(f"{KEPT}/{COVERAGE}"))
         return
-    if not section.from_rows:
+    if not section.from_rows or section.needs:
         return
     name = f"{ROWS}/{section.name}{SUFFIX}"
     rows = unpacked(kept.content(name), section.name)

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from interval_coverage import SUITE
 from kept_rows import SUFFIX
 from sections import KEPT, ROWS, SECTIONS, Section
 from tabulate import tabulate
@@ -245,7 +246,7 @@ def _index(kept: Kept) -> str:
         "`tuned` those found by search for the condition that they are shown in, `robust` those found under "
         "disturbances, `by hand` those that somebody compared, `paper` a law as published, `trained` all seeds of the "
         "agents that ship. Brackets are 95 % intervals. What the columns mean is in [evaluate.md](evaluate.md).",
-        READING,
+        f"{READING} {_covered(kept, 'results/')}".strip(),
     ]
     missing = [section for section in SECTIONS if section.name not in there]
     if missing:
@@ -264,6 +265,19 @@ READING = (
 )
 
 
+def _covered(kept: Kept, folder: str) -> str:
+    """Returns what the intervals of agents cover, and how often they were measured to hold; "" where they were not."""
+    rows = [row for row in kept.rows(SUITE) if row["of"].endswith("agents") and "IQM" not in row["interval"]]
+    held = [float(row["covers (%)"].partition(" ")[0]) for row in rows]
+    if not held:
+        return ""
+    return (
+        "Intervals of trained agents cover their training seeds and the scenes, of the families that are driven; in "
+        f"simulated populations those of {rows[0]['of']} held the truth in {min(held):.1f} to {max(held):.1f} % of the "
+        f"cases ([measured]({folder}{SUITE}.md))."
+    )
+
+
 def _page(kept: Kept, section: Section, made: Made) -> str:
     """Returns the page of a section: its leaderboard, its verdicts, and where its full tables are."""
     blocks = [
@@ -280,7 +294,7 @@ def _page(kept: Kept, section: Section, made: Made) -> str:
     paired = {name: kept.rows(stem) for name, stem in stems.items() if name.endswith("_pairs.csv")}
     every = [row for rows in paired.values() for row in rows]
     verdicts = iter(judged(every))  # corrected for all that the page shows
-    reading = [READING, f"{2 * len(every)} tests, one correction."]
+    reading = [f"{READING} {_covered(kept, '')}".strip(), f"{2 * len(every)} tests, one correction."]
     files = []
     for name, place in there.items():
         heading = section.tables[name]
@@ -386,7 +400,7 @@ def _side_by_side(
         names: dict[str, dict[str, str]] = {}
         for condition in conditions:
             for row, verdict in told.get((condition, scenes, policy), ()):
-                words = functools.reduce(lambda told, pair: told.replace(*pair), _SHORT, _short(verdict.words))
+                words = functools.reduce(lambda told, pair: told.replace(*pair), _SHORT, _short(verdict))
                 names.setdefault(row["beside"], {})[condition] = words
         heads = [each.removeprefix(f"{common}, ").partition(",")[0].removesuffix(" disturbance") for each in conditions]
         lines = [[name, *(words.get(each, "") for each in conditions)] for name, words in names.items()]
@@ -398,9 +412,10 @@ def _place(condition: str, scenes: str) -> str:
     return f"{condition}, {scenes}" if scenes else condition
 
 
-def _short(words: str) -> str:
-    """Returns the words of a verdict that decide it: without the success where time or error do."""
-    return words.rpartition("; ")[2]
+def _short(verdict: Verdict) -> str:
+    """Returns the words that decide a verdict: without the success where time or error do; "open" where none does."""
+    told = verdict.words.rpartition("; ")[2]
+    return OPEN if verdict.outcome == OPEN and told != verdict.words else told
 
 
 def _with_p(cell: str, p: str) -> str:
@@ -441,6 +456,10 @@ def _narrow(row: Mapping[str, str], names: Sequence[str]) -> dict[str, str]:
     return {name: found[name] for name in before} | {_BOTH: both} | found
 
 
+# what a leaderboard has on its page alone
+_ON_ITS_PAGE = ("timeout (%)", "least clearance (m)", "LDLJ", "ms a decision", "learned from")
+
+
 def _front_table(board: Sequence[Mapping[str, str]], lines: Sequence[Mapping[str, str]], kinds: Sequence[str]) -> str:
     """Returns the first rows of a leaderboard, the best set of each policy, with the verdict beside the first agent."""
     agents = {row["policy"]: _entry(row) for row in _trained(board)}
@@ -453,7 +472,7 @@ def _front_table(board: Sequence[Mapping[str, str]], lines: Sequence[Mapping[str
         must = [*without[:1], *[row for row in mine if _has_map(row)][:1], *_trained(mine)]
         rest = [row for row in mine if row not in must][: MOST - len(must)]
         rows += [row for row in mine if row in must or row in rest]
-    columns = [name for name in list(board[0])[3:] if name != "learned from"]
+    columns = [name for name in list(board[0])[3:] if name not in _ON_ITS_PAGE]
     lines_shown = []
     for row in rows:
         line = {"scenes": row["scenes"]} if several else {}
@@ -490,7 +509,7 @@ def verdict_of(
 
 def _beside(lines: Sequence[Mapping[str, str]], row: Mapping[str, str], agent: tuple[str, str]) -> str:
     found = verdict_of(lines, row["scenes"], _entry(row), agent)
-    return "" if found is None else _short(found[0].words)
+    return "" if found is None else _short(found[0])
 
 
 Told = tuple[Task, Sequence[Mapping[str, str]], Sequence[Mapping[str, str]]]
@@ -620,7 +639,7 @@ def _advice(kept: Kept) -> list[str]:
     lines = []
     found = advised(kept)
     for task, kind, access, row, lead in found:
-        cost = next(name for name in list(row)[4:])
+        cost = next(name for name in row if name.endswith(("(s)", "(mm)")) and name != _TIME)
         unit = cost.partition("(")[2].rstrip(")")
         reached = f"{row['success (%)'].partition(' ')[0]} %, {row[cost].partition(' ')[0]} {unit}"
         several = sum(each[0] == task and each[2] == access for each in found) > 1

@@ -214,7 +214,9 @@ KEPT = [
 def test_kept_tables_are_what_the_kept_rows_make(section: sections.Section) -> None:
     rows = read_packed(ROOT / sections.ROWS / f"{section.name}{SUFFIX}")
     made = {kept.name: made for kept, made in results_page.Kept(ROOT).sections()}[section.name]
-    for name, content in publish.tables(section, rows, made.command).items():
+    times = ROOT / publish.decisions_of(section)
+    decisions = times.read_bytes() if times.is_file() else b""
+    for name, content in publish.tables(section, rows, made.command, decisions).items():
         assert (ROOT / name).read_bytes() == content, f"{name}: run {publish.__name__}"
 
 
@@ -234,6 +236,6 @@ def test_every_kept_file_belongs_to_a_section() -> None:
     for section in sections.SECTIONS:
         places = {section.place(name) for name in section.tables}
         assert not places & known, "two sections would write one file"
-        known |= places | {f"{sections.ROWS}/{section.name}{SUFFIX}"}
+        known |= places | {publish.decisions_of(section), f"{sections.ROWS}/{section.name}{SUFFIX}"}
     there = {file.relative_to(ROOT).as_posix() for file in (ROOT / sections.KEPT).rglob("*") if file.is_file()}
     assert there <= known

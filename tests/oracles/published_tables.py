@@ -7,9 +7,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from oracles import table_formulas as formulas
-from results_page import CHOOSING, Kept, disagreements
+from results_page import CHOOSING, PAGE, TASKS, Kept, Task, disagreements
 
-from wayfield.benchmarks.contests import CONTESTS
+from wayfield.benchmarks.contests import CONTESTS, TRAINED
 
 Row = Mapping[str, str]  # files are read as text
 
@@ -253,25 +253,82 @@ def check_verdicts(cells: Cells, folder: Path) -> None:
         stems = [each.removeprefix(f"{KEPT.as_posix()}/").removesuffix(".csv") for each in places if each in store]
         table = [line for stem in stems for line in store.rows(stem)]
         ps = formulas.stepped_down([float(line[each] or "nan") for line in table for each in _PS])
+        said: dict[tuple[str, str, str], str] = {}
         for line, p, q in zip(table, ps[::2], ps[1::2], strict=True):
             words = formulas.verdict(line, p, q)
+            if line["condition"] == table[0]["condition"]:
+                said[line["scenes"], line["policy"], line["beside"]] = words
+                said[line["scenes"], line["beside"], line["policy"]] = _other_way(words)
             cells.count += 1
             if page and _shown_verdict(page, line) not in (words, _in_columns(words)):
                 cells.note(
                     f"{section.name}, {line['condition']}, {line['scenes']}: {line['policy']} beside "
                     f"{line['beside']} is {words!r}, not so on its page"
                 )
+        for task in TASKS if folder == KEPT else ():
+            if task[1] == section.name:
+                _check_fronts(cells, store, task, said)
     if folder == KEPT:
         for each in disagreements(store, store.text(CHOOSING)):
             cells.note(f"{CHOOSING}: {each}")
 
 
 _PS = ("p of success", "p of cost")
+_WAYS = (
+    ("more successes", "fewer successes"),
+    ("quicker", "slower"),
+    ("errs less", "errs more"),
+    ("at a lower", "at a higher"),
+)
+
+
+def _other_way(words: str) -> str:
+    """Returns what is said of the other one of a pair."""
+    for one, other in _WAYS:
+        mark = "\0"
+        words = words.replace(one, mark).replace(other, one).replace(mark, other)
+    return words
+
+
+def _check_fronts(cells: Cells, store: Kept, task: Task, said: Mapping[tuple[str, str, str], str]) -> None:
+    """Looks for a pair of which a front page, or the advice, says something else than the page of its rows."""
+    heading, _, _, kinds = task
+    table = re.search(rf"\[{heading}\]\([^)]*\)\.\*\*.*\n\n((?:\|.*\n)+)", store.text(PAGE))
+    assert table is not None
+    header, _, *rows = ([cell.strip() for cell in row.strip("|").split("|")] for row in table[1].splitlines())
+    agent = f"{header[-1].partition('`')[2].rstrip('`')} (trained)"
+    for row in rows:
+        line = dict(zip(header, row, strict=True))
+        words = said.get((line.get("scenes", kinds[0]), _label(line["policy"]), agent))
+        cells.count += 1
+        if row[-1] != _short(words or ""):
+            cells.note(f"{PAGE}, {heading}: {line['policy']} beside {agent} is {words!r}, there {row[-1]!r}")
+    for row in re.findall(rf"^\| {heading}[ ,].*\|$", store.text(CHOOSING), re.MULTILINE):
+        where, _, best, _, lead = (cell.strip() for cell in row.strip("|").split("|"))
+        kind = where.removeprefix(heading).removeprefix(", ") or kinds[0]
+        other, _, told = lead.partition(": ")
+        words = said.get((kind, _label(best), _label(other)))
+        cells.count += 1
+        if words and told.partition(", ")[0] != words:
+            cells.note(f"{CHOOSING}, {where}: {best} beside {other} is {words!r}, there {told!r}")
+
+
+def _label(name: str) -> str:
+    """Returns how tables of pairs call what pages call "`policy`, gains"."""
+    policy, _, gains = name.replace("`", "").partition(", ")
+    gains = gains or ("trained" if policy in TRAINED else "")
+    return f"{policy} ({gains})" if gains else policy
 
 
 def _in_columns(words: str) -> str:
     """Returns how a table with a column a condition shows a verdict."""
-    return words.rpartition("; ")[2].replace(" successes", "").replace("not significant", "n. s.")
+    return _short(words).replace(" successes", "").replace("not significant", "n. s.")
+
+
+def _short(words: str) -> str:
+    """Returns what decides a verdict; "open" where success or cost is equivalent and the other one open."""
+    told = words.rpartition("; ")[2]
+    return "open" if told.startswith(("open ", "equivalent ")) else told
 
 
 def _shown_verdict(page: str, line: Row) -> str:

@@ -38,6 +38,16 @@ def every(rows: Sequence[Row], metric: str) -> list[float]:
     return [value(row, metric) for row in rows if not math.isnan(value(row, metric))]
 
 
+def failed(rows: Sequence[Row], metric: str) -> list[float]:
+    """Returns whether each run failed in a way, nothing where a row does not tell; the clock ends the rest."""
+    found = []
+    for row in rows:
+        other = value(row, "collision" if row["contest"] != "path-following" else "left_corridor")
+        told = 1.0 - other if metric == "timeout" and not row.get(metric) else value(row, metric)
+        found.append(0.0 if won(row) else told)
+    return [] if any(map(math.isnan, found)) else found
+
+
 def average(numbers: Numbers) -> float:
     """Returns the mean; NaN of nothing."""
     return math.fsum(numbers) / len(numbers) if numbers else math.nan
@@ -74,7 +84,9 @@ MEANINGS: Mapping[str, Meaning] = {
     "effort (rad²/s)": (of_successes, "effort", average, 1.0),
     "saturated (%)": (every, "saturated_share", average, 100.0),
     "faults": (every, "faults", average, 1.0),
-    "collision (%)": (every, "collision", average, 100.0),
+    "collision (%)": (failed, "collision", average, 100.0),
+    "timeout (%)": (failed, "timeout", average, 100.0),
+    "left corridor (%)": (failed, "left_corridor", average, 100.0),
     "SPL": (every, "spl", average, 1.0),
     "SCT": (every, "sct", average, 1.0),
     "BARN": (every, "barn_score", average, 1.0),
@@ -88,7 +100,6 @@ MEANINGS: Mapping[str, Meaning] = {
     # of public benchmarks
     "score (2, 8)": (every, "barn_score", average, 1.0),
     "score 2022 (4, 8)": (every, "barn_score_2022", average, 1.0),
-    "timeout (%)": (every, "timeout", average, 100.0),
     "mean speed of successes (m/s)": (of_successes, "mean_speed", average, 1.0),
     "safety: least clearance (m)": (every, "min_clearance", average, 1.0),
     "safety: under 0.1 m (% of time)": (every, "near_share", average, 100.0),
