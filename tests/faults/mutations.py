@@ -269,27 +269,6 @@ def _cbor(content: bytes, rng: random.Random) -> bytes:
     return content[:at] + item + content[at + rng.choice((0, 1, len(item))) :]
 
 
-def _bomb(content: bytes, rng: random.Random) -> bytes:
-    """Returns an archive whose one member unpacks to a gibibyte of zeros."""
-    with zipfile.ZipFile(io.BytesIO(content)) as archive:
-        names = archive.namelist()
-    name = names[0]
-    buffer = io.BytesIO()
-    header = b"{'descr': '<f8', 'fortran_order': False, 'shape': (134217728,), }"
-    header += b" " * (118 - len(header) - 1) + b"\n"
-    with (
-        zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive,
-        archive.open(name, "w", force_zip64=True) as member,
-    ):
-        member.write(b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header)
-        for _ in range(1024):
-            member.write(bytes(1 << 20))
-    with zipfile.ZipFile(buffer, "a") as archive:
-        for each in names[1:]:
-            archive.writestr(each, b"")
-    return buffer.getvalue()
-
-
 Mutation = Callable[[bytes, random.Random], bytes]
 _ANY: tuple[Mutation, ...] = (_flip, _truncate, _piece, _piece, _piece, _whole, _encoding)
 _BY_SUFFIX: dict[str, list[Mutation]] = {
@@ -311,16 +290,6 @@ _BY_SUFFIX: dict[str, list[Mutation]] = {
     ".zip": [_archive, _archive, _archive],
     ".cbor": [_cbor, _cbor, _cbor],
 }
-NAMED: dict[str, Mutation] = {
-    "bomb": _bomb,
-    "whole": _whole,
-    "truncate": _truncate,
-}
-
-
-def with_value(content: bytes, key: str, raw: str) -> bytes:
-    """Returns a JSON object with another value of one key, as raw text."""
-    return json.dumps(json.loads(content) | {key: _HOLE}).replace(f'"{_HOLE}"', raw, 1).encode()
 
 
 def nudged(content: bytes, name: str, rng: random.Random, under: Sequence[str] = ()) -> bytes:
