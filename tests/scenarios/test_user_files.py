@@ -1,11 +1,12 @@
 """Files of the user's at the edge of what they may hold, and what stands in worlds, maps and tables."""
 
+import dataclasses
 import json
 import math
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
@@ -13,7 +14,7 @@ import pytest
 from PIL import Image
 
 import wayfield  # noqa: F401
-from wayfield.envs.scenarios import GoalScenario, box, maps, obstacle_field
+from wayfield.envs.scenarios import TASKS, GoalScenario, PathScenario, box, maps, obstacle_field, scenarios_of
 from wayfield.envs.scenarios.files import kind_of, path_scenario_from_file
 from wayfield.envs.scenarios.tables import path_from_table
 
@@ -244,6 +245,32 @@ def test_a_file_is_of_the_task_whose_word_it_has(tmp_path: Path, content: str, k
         file = tmp_path / name
         file.write_text(content)
         assert kind_of(str(file)) == wanted
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class TimedPath(PathScenario):
+    """A path of another task, with a field of its own."""
+
+    arrival: float = 30.0
+    file_fields: ClassVar[tuple[str, ...]] = (*PathScenario.file_fields, "arrival")
+
+
+def test_a_second_task_on_paths_has_files_names_and_lists_of_its_own(tmp_path: Path) -> None:
+    spec = dataclasses.replace(TASKS["path_following"], kind="timed")
+    vars(spec)["repertoire"] = dataclasses.replace(TASKS["path_following"].repertoire, scenario=TimedPath)
+    file = tmp_path / "mine.json"
+    for word in ("timed", "path"):
+        file.write_text(json.dumps({word: [[0, 0], [2, 0], [2, 2]], "arrival": 20.0}))
+        (scenario,) = scenarios_of(spec, str(file), 0.3)
+        assert (type(scenario), scenario.arrival, scenario.length) == (TimedPath, 20.0, 4.0)
+        assert scenarios_of(spec, [scenario], 0.3) == (scenario,)
+    with pytest.raises(ValueError, match="it must be a DockingScenario"):
+        scenarios_of(TASKS["docking"], [scenario], 0.3)
+    file.write_text('{"timed": [[0, 0], [2, 0]], "path": [[0, 0], [2, 0]]}')
+    with pytest.raises(ValueError, match="exactly one of the fields 'timed' and 'path' and 'path_file'"):
+        path_scenario_from_file(str(file), spec=spec)
+    with pytest.raises(ValueError, match=r"unknown timed scenario 'straigth'\. Did you mean 'straight'"):
+        scenarios_of(spec, "straigth", 0.3)
 
 
 def test_scenarios_made_in_python_are_driven_as_those_of_a_file(tmp_path: Path) -> None:
