@@ -101,7 +101,14 @@ def _over(robot: Trajectory, count: int, stays: bool) -> Array:
 
 
 def roll_out_worlds(
-    case: Case, *, dynamics: str, actuators: str, seed: int, episodes: int, members: Sequence[int] = ()
+    case: Case,
+    *,
+    dynamics: str,
+    actuators: str,
+    seed: int,
+    episodes: int,
+    members: Sequence[int] = (),
+    numbers: Sequence[int] = (),
 ) -> list[World]:
     """Returns one world for each of the seeds `seed`, `seed + 1`, ...; see `rollout.roll_out`.
 
@@ -113,13 +120,14 @@ def roll_out_worlds(
     robot = robot_of(case.env_kwargs["robot"])
     bank = scenarios_of(spec_of(case.env_id), case.scenario, robot.hull_radius)
     team = int(case.env_kwargs.get("team") or bank[0].team)
-    chosen = list(members) or [k % len(bank) for k in range(episodes)]
+    numbers = numbers or range(episodes)
+    chosen = list(members) or [k % len(bank) for k in numbers]
     at_once = max(1, AT_ONCE // team)
     found: list[World] = []
-    for first in range(0, episodes, at_once):
+    for first in range(0, len(numbers), at_once):
         some = chosen[first : first + at_once]
         env = make_vector(case, dynamics, actuators, len(some) * team)
-        found += _driven(env, case, [seed + first + k for k in range(len(some))], some, seed)
+        found += _driven(env, case, [seed + k for k in numbers[first : first + at_once]], some, seed)
         env.close()
     return found
 

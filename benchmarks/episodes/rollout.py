@@ -65,21 +65,27 @@ def roll_out(
     seed: int = 0,
     episodes: int = 1,
     members: Sequence[int] = (),
+    numbers: Sequence[int] = (),
 ) -> list[Trajectory]:
     """Returns one trajectory for each of the seeds `seed`, `seed + 1`, ...
 
     A case of every scenario has one episode for each of the first `episodes` scenarios of its bank, round and round, or
     for each of the `members` of the bank.
 
+    Args:
+        numbers: of those episodes that are driven, in place of the first ones.
+
     Raises:
         TypeError: if the policy cannot read the environment's observations.
         ValueError: if the environment does not know an option.
     """
+    numbers = numbers or range(episodes)
+    episodes = len(numbers)
     env = make_vector(case, dynamics, actuators, episodes)
     pilot = Pilot(make_policy(case, seed), env)
     there = len(env.task.scenarios)
-    chosen = {"scenario": list(members) or [k % there for k in range(episodes)]} if case.every_scenario else None
-    observations, _ = env.reset(seed=seed, options=chosen)
+    chosen = {"scenario": list(members) or [k % there for k in numbers]} if case.every_scenario else None
+    observations, _ = env.reset(seed=[seed + k for k in numbers], options=chosen)
     pilot.reset()
     briefing = env.briefing("map")
     # np.empty takes no memory until it is written to, so that a long clock costs nothing by itself
@@ -97,7 +103,7 @@ def roll_out(
         for i in np.flatnonzero((terminated | truncated) & (lengths == 0)).tolist():
             flags[i] = {name: bool(info[name][i]) for name in env.task.flag_names}
             lengths[i] = step + 1
-            faults[i] = _faults(pilot.memory, i)
+            faults[i] = faults_of(pilot.memory, i)
     env.close()
     driven = [
         _trajectory(env, briefing, pilot.policy, i, history[: lengths[i], i].copy(), flags[i], case)
@@ -106,7 +112,7 @@ def roll_out(
     return [dataclasses.replace(each, faults=int(count)) for each, count in zip(driven, faults, strict=True)]
 
 
-def _faults(memory: NDArray[Any], i: int) -> int:
+def faults_of(memory: NDArray[Any], i: int) -> int:
     """Returns how often robot i's policy had to fall back on something else, which it counts in its memory."""
     for part in ("base", "state"):  # of the controller that an agent adds to; of a law that keeps its scans beside it
         if part in (memory.dtype.names or ()):

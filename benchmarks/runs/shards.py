@@ -188,6 +188,19 @@ def played(setting: Setting) -> list[Episode]:
     Raises:
         ValueError: if an agent, a split or a policy of the user's own is damaged.
     """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", NewToAgent)  # the table shows how agents do there
+        warnings.simplefilter("ignore", FileNote)  # said where the courses were made
+        driven = zip(episodes(setting), declared(setting), strict=True)
+        return [(row | more, trajectory) for (row, trajectory), more in driven]
+
+
+def declared(setting: Setting) -> list[dict[str, Any]]:
+    """Returns what a row of each episode has of its scenario and of the policy: all that driving does not show.
+
+    Raises:
+        ValueError: as `played`.
+    """
     contest, case = ALL_CONTESTS[setting.case.document], setting.case
     split = "front" if case.speed is not None else case.split
     speed = {} if case.speed is None else {"speed": case.speed}
@@ -195,14 +208,10 @@ def played(setting: Setting) -> list[Episode]:
     more = {"split": split, **speed, "failure_cost": failure, **described(contest, case)}
     members = members_of(contest, setting)
     found = []
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", NewToAgent)  # the table shows how agents do there
-        warnings.simplefilter("ignore", FileNote)  # said where the courses were made
-        for i, (row, trajectory) in enumerate(episodes(setting)):
-            member = members[i % len(members)]
-            if setting.members:
-                more |= {"scenario": member.name}
-            found.append((row | more | {"tier": member.tier, "quantity": member.quantity}, trajectory))
+    for k in setting.numbers or range(setting.episodes):
+        member = members[k % len(members)]
+        named = {"scenario": member.name} if setting.members else {}
+        found.append(more | named | {"tier": member.tier, "quantity": member.quantity})
     return found
 
 

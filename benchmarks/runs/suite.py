@@ -34,6 +34,7 @@ class Setting:
     episodes: int
     keep: int | None = WORST  # of the worst episodes of an entry of a contest, their trajectories; None: all, whole
     members: tuple[int, ...] = ()  # of the bank, an episode each, in place of the first ones
+    numbers: tuple[int, ...] = ()  # of the episodes, in place of the first ones
     given: Case | None = None  # the original case, where another machine keeps its files elsewhere
 
     def __str__(self) -> str:
@@ -69,17 +70,20 @@ def gathered(done: Mapping[int, list[Episode]]) -> tuple[Episodes, dict[str, Tra
 
 def episodes(setting: Setting) -> list[Episode]:
     """Returns the episodes of a setting, each as its row and its trajectory."""
-    case = setting.case
+    case, numbers = setting.case, setting.numbers or range(setting.episodes)
     how: dict[str, Any] = {
         "dynamics": setting.dynamics,
         "actuators": setting.actuators,
         "seed": setting.seed,
         "episodes": setting.episodes,
         "members": setting.members,
+        "numbers": setting.numbers,
     }
     if spec_of(case.env_id) in CROWDS.values():
         worlds = crowds.roll_out_worlds(case, **how)
-        return [(_row(setting, i, crowds.measured(world)), world.shown()) for i, world in enumerate(worlds)]
+        return [
+            (_row(setting, i, crowds.measured(each)), each.shown()) for i, each in zip(numbers, worlds, strict=True)
+        ]
     metrics = OF_KIND[spec_of(case.env_id).kind].metrics
     return [
         (
@@ -91,7 +95,7 @@ def episodes(setting: Setting) -> list[Episode]:
             ),
             trajectory,
         )
-        for i, trajectory in enumerate(roll_out(case, **how))
+        for i, trajectory in zip(numbers, roll_out(case, **how), strict=True)
     ]
 
 
