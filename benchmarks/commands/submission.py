@@ -11,7 +11,10 @@ import hashlib
 import io
 import json
 import lzma
+import random
 import re
+import subprocess
+import time
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -31,7 +34,8 @@ from wayfield.benchmarks.leaderboards.entries import COMPARED
 from wayfield.benchmarks.records.cases import Case, Entrant
 from wayfield.benchmarks.records.episode import Episodes
 from wayfield.benchmarks.records.results import EPISODES, read_table
-from wayfield.benchmarks.runs.shards import played
+from wayfield.benchmarks.report.page import commit
+from wayfield.benchmarks.runs.shards import declared, played
 from wayfield.benchmarks.runs.suite import Setting
 from wayfield.envs.robots import ACTUATORS, ROBOTS
 from wayfield.envs.robots.disturbances import LEVELS
@@ -47,8 +51,9 @@ _ENTRY = ("contest", "robot", "policy", "gains_name", "split")
 _OF_A_CASE = ("scenario", "gains", "agent_seed", "dynamics", "actuators", "disturbance", "suite")
 _CONDITIONS = ("dynamics", "actuators", "disturbance")
 NEEDED = (*_ENTRY, *_OF_A_CASE[:1], *_CONDITIONS, "suite", "family", "episode", "seed", "success")
-_WORDS = ("trajectory", "learned_from", "parameters")  # which describe an entry, and are no behaviour
-FIRST = 2  # episodes of a case of the sample
+TRAJECTORY = "trajectory"  # the column that names a file of the run
+_SETS = ("default", "tuned", "robust", "paper")  # of gains
+_BY_PLACE = "random"  # the policy whose draws depend on the place in a batch
 _MOST_CARD = 2**22  # bytes; the largest entry of a contest has 20,000 episodes, of some 500 bytes each
 _MOST_ROWS = 2**24  # bytes, packed
 _MOST_TEXT = 2**26  # bytes of all rows
@@ -96,6 +101,7 @@ class Submission:
 
     card: Mapping[str, Any]
     rows: Collection[Row]
+    digest: str = ""  # of its files
 
     @property
     def first(self) -> Row:
@@ -110,7 +116,7 @@ def made(run: Path, entry: str, entrant: Entrant | None) -> Submission:
         entrant: what the user named as a policy of their own, where the entry is one.
 
     Raises:
-        Refused: if the run has no such entry, or its scenarios are no frozen ones.
+        Refused: if the run has no such entry, or it is none that `check` lets pass.
         OSError: if a file cannot be read.
     """
     if not (run / EPISODES).is_file():
@@ -129,10 +135,13 @@ def made(run: Path, entry: str, entrant: Entrant | None) -> Submission:
         raise Refused(f"{entry!r} is {'no ' if entrant else 'a '}policy of your own: give --policy for those alone")
     if entrant is None and mine[0]["gains_name"] not in GAINS_NAMES:
         raise Refused(f"{entry!r} are agents of a folder: enter them by --policy, a function that makes the policy ppo")
-    _check_suite(mine)
-    _check_seeds(mine)
-    kept = [name for name in mine[0] if name != "trajectory" and any(row[name] for row in mine)]
+    kept = [name for name in mine[0] if name != TRAJECTORY and any(row[name] for row in mine)]
     rows = [{name: row[name] for name in kept} for row in mine]
+    return _of_rows(rows, entrant)
+
+
+def _of_rows(rows: Sequence[Row], entrant: Entrant | None) -> Submission:
+    """Returns the submission of rows; Refused where `check` refuses it."""
     card = {
         "entry": {name: rows[0].get(name, "") for name in _ENTRY},
         "code": source_digest(),
@@ -140,10 +149,29 @@ def made(run: Path, entry: str, entrant: Entrant | None) -> Submission:
         "scenarios": {
             case: splits.digest(_scenarios(case, rows[0])) for case in dict.fromkeys(row["scenario"] for row in rows)
         },
-        "versions": identity(),
+        "versions": identity() | {"commit": commit()},
         "episodes": [signed(row) for row in rows],
     }
-    return Submission(card, rows)
+    submission = Submission(card, rows)
+    check(submission, entrant)
+    return submission
+
+
+def driven_today(submission: Submission, split: str) -> Submission:
+    """Returns an entry of the package on a split, as its policy drives there today; Refused if it has no such gains."""
+    first = submission.first
+    contest, robot, level = ALL_CONTESTS[first["contest"]], first["robot"], first["disturbance"]
+    found: list[Row] = []
+    for family in contest.families(first["dynamics"]):
+        first_seed, count = seed_of(0, split, family), splits.SPLITS[split]
+        for case in contest.cases(robot, Course(family, split), Entrants((first["policy"],), _SETS), level):
+            if case.gains_name == first["gains_name"]:
+                conditions = first["dynamics"], first["actuators"], first_seed, count
+                found += _texts([row for row, _ in played(Setting(first["suite"], case, *conditions))])
+    if not found:
+        raise Refused(f"{_name(first)!r} is no entry of this version: its gains are others")
+    kept = [name for name in found[0] if any(row[name] for row in found)]
+    return _of_rows([{name: row[name] for name in kept} for row in found], None)
 
 
 def content(submission: Submission) -> dict[str, bytes]:
@@ -194,7 +222,8 @@ def read_submission(folder: Path) -> Submission:
         raise Refused(f"{folder / ROWS}{error}") from None
     except (lzma.LZMAError, EOFError, csv.Error, ValueError) as error:
         raise Refused(f"{folder / ROWS} holds no packed rows: {error}") from None
-    return Submission(card, rows)
+    digest = hashlib.sha256("".join(digests).encode() + content).hexdigest()
+    return Submission(card, rows, digest)
 
 
 def _checked(card: Mapping[str, Any], file: Path) -> dict[str, Any]:
@@ -210,6 +239,10 @@ def _checked(card: Mapping[str, Any], file: Path) -> dict[str, Any]:
         raise Refused(f"{file}: entry holds {shown(list(card['entry']))}; it must be {', '.join(_ENTRY)}")
     if not card["episodes"]:
         raise Refused(f"{file}: episodes is empty")
+    if (there := card["versions"].get("code and agents", card["code"][:12])) != card["code"][:12]:
+        raise Refused(f"{file}: code is {card['code'][:12]}, but versions has {there:.40}")
+    if card["policy"] and not _is_own(card["entry"]):
+        raise Refused(f"{file}: policy is {card['policy']:.40}, but the entry is none of a policy of somebody's own")
     return {name: card[name] for name in kinds}
 
 
@@ -241,17 +274,21 @@ def place(row: Row) -> str:
     return f"episode {row['episode']:.20} of {row['scenario']:.60}{seed}"
 
 
-def check(submission: Submission, entrant: Entrant | None) -> str:
-    """Returns what is to be said of a submission: what it leaves out, and how code and policy here differ; "" of none.
+def check(submission: Submission, entrant: Entrant | None) -> None:
+    """Compares all of a submission that needs no driving: scenes, seeds, suite, and what it declares of its policy.
 
     Args:
         entrant: what the user named as the policy, for an entry from outside of the package.
 
     Raises:
-        Refused: if its scenarios or seeds are others than those here, or its policy was not named.
+        Refused: if anything is not as it is here, a frozen scene of the split is missing or comes twice, or the policy
+            was not named; the message names the first episode.
     """
     card, rows = submission.card, submission.rows
     _check_names(submission.first, entrant)
+    if _is_own(card["entry"]) != (entrant is not None):
+        needs = "a policy of somebody's own: name it with --policy to run it"
+        raise Refused(f"{shown(card['entry']['policy'])} is {needs if entrant is None else 'no policy of your own'}")
     known: dict[str, int] = {}
     for row in rows:
         if (scenario := row["scenario"]) not in known:
@@ -259,19 +296,16 @@ def check(submission: Submission, entrant: Entrant | None) -> str:
             if not here or card["scenarios"].get(scenario) != splits.digest(here):
                 raise Refused(f"its scenarios {shown(scenario)} are not those of this version, from {place(row)} on")
             known[scenario] = len(here)
+        if scenario != f"{row['family']}/{row['split']}":
+            raise Refused(f"{place(row)}: its family is {row['family']:.60}, its split {row['split']:.60}")
         if int(row["episode"]) >= known[scenario]:
             raise Refused(f"{place(row)}: there are {known[scenario]} scenarios")
+    if more := next((name for name in card["scenarios"] if name not in known), ""):
+        raise Refused(f"its card has scenarios {shown(more)}, of which it has no episode")
     _check_suite(rows)
     _check_seeds(rows)
-    if _is_own(card["entry"]) != (entrant is not None):
-        needs = "a policy of somebody's own: name it with --policy to run it"
-        raise Refused(f"{shown(card['entry']['policy'])} is {needs if entrant is None else 'no policy of your own'}")
-    found = [each] if (each := left_out(submission)) else []
-    if card["code"] != source_digest():
-        found.append(f"it was driven by other code ({differences(dict(card['versions']), identity())})")
-    if entrant is not None and getattr(entrant, "digest", "") != card["policy"]:
-        found.append("the policy is another file than the one that drove")
-    return "; ".join(found)
+    check_whole(submission)
+    _check_declared(rows, entrant)
 
 
 def _check_names(row: Row, entrant: Entrant | None) -> None:
@@ -288,24 +322,45 @@ def _check_names(row: Row, entrant: Entrant | None) -> None:
         raise Refused(str(error)) from None
 
 
-def left_out(submission: Submission) -> str:
-    """Returns what an entry of its contest has to drive and this one has not, in words; "" of a whole one.
-
-    A whole one has as many scenarios of every family of the contest, and of agents that ship every one.
-    """
+def check_whole(submission: Submission) -> None:
+    """Raises Refused unless an entry has every frozen scene of its split once, and of agents that ship every agent."""
     first = submission.first
-    contest = ALL_CONTESTS[first["contest"]]
+    contest, split = ALL_CONTESTS[first["contest"]], first["split"]
     seeds = [""]
     if first["gains_name"] == "trained":
         seeds = [f"{seed}" for seed in contest.agents_of(first["policy"], first["robot"])]
-    counts = {(family, seed): 0 for family in contest.families(first["dynamics"]) for seed in seeds}
+    frozen = {family: len(_scenarios(f"{family}/{split}", first)) for family in contest.families(first["dynamics"])}
+    left = {(family, seed): set(range(count)) for family, count in frozen.items() for seed in seeds}
     for row in submission.rows:
-        if (key := (row["family"], row.get("agent_seed", ""))) not in counts:
-            return f"{place(row)} is none of a whole entry"
-        counts[key] += 1
-    if gone := next((each for each, count in counts.items() if not count), None):
-        return f"it leaves out {gone[0]}{f', agent {gone[1]}' if gone[1] else ''}"
-    return "it has more scenarios of one family than of another" if len({*counts.values()}) > 1 else ""
+        if (key := (row["family"], row.get("agent_seed", ""))) not in left:
+            raise Refused(f"{place(row)} is none of its contest")
+        if int(row["episode"]) not in left[key]:
+            raise Refused(f"{place(row)} comes twice")
+        left[key].remove(int(row["episode"]))
+    if missing := [(family, seed, len(numbers)) for (family, seed), numbers in left.items() if numbers]:
+        family, seed, count = missing[0]
+        of = f"{family}/{split}{f', agent {seed}' if seed else ''}"
+        every = sum(map(len, left.values()))
+        raise Refused(
+            f"{count} of the {frozen[family]} frozen scenarios of {of} are missing, {every} of all: an entry drives "
+            f"the whole split: evaluate --suite {first['suite']} with neither --families nor --episodes"
+        )
+
+
+def _check_declared(rows: Collection[Row], entrant: Entrant | None) -> None:
+    """Raises Refused if a row has other words of its scenario or its policy than scenario, law and agent's card here.
+
+    They are access, parameters and training of the policy, and tier and quantity of the scenario.
+    """
+    here: dict[bytes, list[Row]] = {}
+    for row in rows:
+        if (key := _case_of(row)) not in here:
+            setting = _setting(row, entrant, range(len(_scenarios(row["scenario"], row))))
+            here[key] = _texts(declared(setting))
+        now = here[key][int(row["episode"])]
+        if wrong := next((name for name, cell in now.items() if cell != row.get(name, "")), ""):
+            here_is = f"{now[wrong]} by the agent's card" if row["gains_name"] == "trained" else now[wrong]
+            raise Refused(f"{place(row)}: {wrong} is {here_is}, submitted as {row.get(wrong, '') or 'none':.80}")
 
 
 def _check_suite(rows: Collection[Row]) -> None:
@@ -331,44 +386,88 @@ def _is_own(row: Row) -> bool:
     return row["gains_name"].partition(" ")[0] == OWN
 
 
-def differing(submission: Submission, entrant: Entrant | None, most: int | None) -> tuple[int, str]:
-    """Returns how many episodes were driven again, and the first that came out otherwise, in words; "" where none did.
+def other_code(submission: Submission, entrant: Entrant | None) -> str:
+    """Returns how code and policy here differ from those that drove, and since when results moved; "" of the same."""
+    card = submission.card
+    found = []
+    if card["code"] != source_digest():
+        there, here = card["versions"].get("commit") or "unknown", commit() or "unknown"
+        other = differences(dict(card["versions"]), identity())
+        moved = _moved(there, card["entry"]["contest"]) if here != "unknown" else ""
+        since = f"; published results of the contest moved from commit {moved} on" if moved else ""
+        found.append(f"it was driven by other code ({other}; commit {there:.40} there, {here} here{since})")
+    if entrant is not None and getattr(entrant, "digest", "") != card["policy"]:
+        found.append("the policy is another file than the one that drove")
+    return "; ".join(found)
+
+
+def _moved(there: str, contest: str) -> str:
+    """Returns the first commit after another that changed a contest's published rows; "" where none is known."""
+    if contest not in ALL_CONTESTS or not re.fullmatch(r"\w[\w.-]{0,99}", there, re.ASCII):
+        return ""
+    after = f"{there.removesuffix('-dirty')}..HEAD"
+    command = ["git", "log", "--reverse", "--format=%h", after, "--", f"docs/results/rows/{contest}*"]
+    home = Path(__file__).resolve().parents[2]
+    return subprocess.run(command, cwd=home, capture_output=True, text=True, check=False).stdout.partition("\n")[0]
+
+
+def draw_seed(submission: Submission) -> int:
+    """Returns a seed that nobody can foresee: of the submission's digest and the clock."""
+    text = f"{submission.digest} {time.time_ns()}".encode()
+    return int.from_bytes(hashlib.sha256(text).digest()[:4])
+
+
+def drawn(count: int, most: int | None, seed: int) -> list[int]:
+    """Returns which of so many episodes are driven again, at most so many, in the order that a seed draws."""
+    return random.Random(seed).sample(range(count), count if most is None else min(most, count))
+
+
+def least_found(count: int, driven: int) -> int:
+    """Returns the least number of forged episodes among `count` of which `driven` drawn ones meet one in 19 of 20."""
+    missed, forged = 1.0, 0
+    while missed > 0.05:
+        missed *= max(count - driven - forged, 0) / (count - forged)
+        forged += 1
+    return forged
+
+
+def differing(submission: Submission, entrant: Entrant | None, numbers: Sequence[int]) -> str:
+    """Returns the first of some episodes that comes out otherwise when it is driven again, in words; "" if none does.
+
+    Those of a case are driven together, in the order of `numbers`, so that the place in a batch tells a policy nothing.
 
     Args:
-        most: cases that are driven, the first `FIRST` episodes of each, spread over the submission; None: everything.
+        numbers: of the rows.
 
     Raises:
         Refused: if no entry of this version has such gains.
     """
-    keys = list(dict.fromkeys(_case_of(row) for row in submission.rows))
-    if most is not None:
-        keys = keys[:: max(len(keys) // most, 1)][:most]
-    driven = 0
-    for key in keys:
-        found: dict[int, Row] = {}
-        for row in submission.rows:
-            if _case_of(row) == key and found.setdefault(int(row["episode"]), row) is not row:
-                raise Refused(f"{place(row)} comes twice")
-        rows = [found[episode] for episode in sorted(found)][: None if most is None else FIRST]
-        setting = _setting(rows, entrant)
-        today = _texts(setting)
-        driven += len(rows)
-        for now, row in zip(today, rows, strict=True):
-            wrong = _first_difference(now, row)
-            if wrong:
-                again = _texts(setting)
-                if again != today:
-                    return driven, f"{place(row)}: the policy is not deterministic, two drives of it differ"
-                if wrong not in row:
-                    return driven, f"{place(row)}: column {wrong} is left out; it is {now[wrong]}"
-                if wrong not in now:
-                    return driven, f"{place(row)}: {wrong} is no column of this version"
-                return driven, f"{place(row)}: {wrong} is {now[wrong]}, submitted as {row[wrong]:.40}"
-    return driven, ""
+    wanted = {number: k for k, number in enumerate(numbers)}
+    chosen = sorted((wanted[k], row) for k, row in enumerate(submission.rows) if k in wanted)
+    cases: dict[bytes, list[Row]] = {}
+    for _, row in chosen:
+        cases.setdefault(_case_of(row), []).append(row)
+    for rows in cases.values():
+        episodes = [int(row["episode"]) for row in rows]
+        setting = _setting(rows[0], entrant, range(max(episodes) + 1) if rows[0]["policy"] == _BY_PLACE else episodes)
+        today = _driven(setting)
+        for row in rows:
+            now = today[row["episode"]]
+            if not (wrong := _first_difference(now, row)):
+                continue
+            if _driven(setting) != today:
+                return f"{place(row)}: the policy is not deterministic, two drives of it differ"
+            if wrong not in row:
+                return f"{place(row)}: column {wrong} is left out; it is {now[wrong]}"
+            if wrong not in now:
+                return f"{place(row)}: {wrong} is no column of this version"
+            return f"{place(row)}: {wrong} is {now[wrong]}, submitted as {row[wrong]:.40}"
+    return ""
 
 
 def _first_difference(now: Row, row: Row) -> str:
-    return next((name for name in (*row, *now) if name not in _WORDS and now.get(name, "") != row.get(name, "")), "")
+    names = dict.fromkeys((*row, *now))
+    return next((name for name in names if name != TRAJECTORY and now.get(name, "") != row.get(name, "")), "")
 
 
 def _case_of(row: Row) -> bytes:
@@ -376,21 +475,17 @@ def _case_of(row: Row) -> bytes:
     return hashlib.sha256(repr([row.get(name, "") for name in _OF_A_CASE]).encode()).digest()
 
 
-def _setting(rows: Sequence[Row], entrant: Entrant | None) -> Setting:
-    row = rows[0]
-    if [each["episode"] for each in rows] != [f"{k}" for k in range(len(rows))]:
-        raise Refused(f"{place(row)}: the episodes of a case must be the first ones, each once")
-    return Setting(row["suite"], _case(row, entrant), row["dynamics"], row["actuators"], int(row["seed"]), len(rows))
+def _setting(row: Row, entrant: Entrant | None, numbers: Sequence[int]) -> Setting:
+    """Returns the setting of some episodes of a row's case."""
+    first = int(row["seed"]) - int(row["episode"])
+    case = _case(row, entrant)
+    return Setting(row["suite"], case, row["dynamics"], row["actuators"], first, len(numbers), numbers=tuple(numbers))
 
 
 def _case(row: Row, entrant: Entrant | None) -> Case:
     contest = ALL_CONTESTS[row["contest"]]
     family, _, split = row["scenario"].partition("/")
-    entrants = (
-        Entrants((row["policy"],), ("default", "tuned", "robust", "paper"))
-        if entrant is None
-        else Entrants((), own=(entrant,))
-    )
+    entrants = Entrants((row["policy"],), _SETS) if entrant is None else Entrants((), own=(entrant,))
     for case in contest.cases(row["robot"], Course(family, split), entrants, row["disturbance"]):
         if (case.gains_name, case.gains_text) == (row["gains_name"], row.get("gains", "")):
             return case
@@ -398,8 +493,13 @@ def _case(row: Row, entrant: Entrant | None) -> Case:
     raise Refused(f"{place(row)}: {whose} the gains {shown(row.get('gains', ''))}")
 
 
-def _texts(setting: Setting) -> list[Row]:
-    found = Episodes([row for row, _ in played(setting)])
+def _driven(setting: Setting) -> dict[str, Row]:
+    """Returns the rows of a setting that is driven, by their episode."""
+    return {row["episode"]: row for row in _texts([row for row, _ in played(setting)])}
+
+
+def _texts(rows: Sequence[Mapping[str, Any]]) -> list[Row]:
+    found = Episodes(rows)
     columns = {name: found.texts(name) for name in found.names}
     return [dict(zip(columns, cells, strict=True)) for cells in zip(*columns.values(), strict=True)]
 

@@ -1,12 +1,23 @@
 """`wayfield submit` and `wayfield verify`: an entry of a contest as a folder, and whether it drives as it says."""
 
+import contextlib
 from pathlib import Path
 
 import click
 
-from wayfield.benchmarks.commands.submission import Refused, check, content, differing, made, read_submission
+from wayfield.benchmarks.commands.submission import (
+    check,
+    content,
+    differing,
+    draw_seed,
+    drawn,
+    least_found,
+    made,
+    other_code,
+    read_submission,
+)
+from wayfield.benchmarks.entrants.apart import SECONDS, Apart
 from wayfield.benchmarks.entrants.own_policies import own_policy
-from wayfield.benchmarks.records.cases import Entrant
 from wayfield.system.command_line import OneLineErrors
 from wayfield.system.storage import write_whole
 
@@ -26,12 +37,15 @@ _FOLDER = click.Path(path_type=Path)
 @click.option("--out", required=True, metavar="DIR", help="The folder of the submission: new, or empty.")
 @_POLICY
 def submit(run: Path, entry: str, out: str, own: str | None) -> None:
-    """Makes a submission of ENTRY, as tables call it, from RUN, the folder of a contest: `polar`, `"lqr (tuned)"`."""
+    """Makes a submission of ENTRY, as tables call it, from RUN, the folder of a contest: `polar`, `"lqr (tuned)"`.
+
+    It must hold every frozen scenario of its split.
+    """
     folder = Path(out)
     try:
-        files = content(made(run, entry, _entrant(own)))
         if folder.exists() and any(folder.iterdir()):
-            raise Refused(f"--out {out!r} is not empty")
+            raise ValueError(f"--out {out!r} is not empty")
+        files = content(made(run, entry, None if own is None else own_policy(own)))
         folder.mkdir(parents=True, exist_ok=True)
         for name, data in files.items():
             write_whole(folder / name, data)
@@ -44,27 +58,38 @@ def submit(run: Path, entry: str, out: str, own: str | None) -> None:
 @click.argument("folder", type=_FOLDER)
 @click.option("--all", "every", is_flag=True, help="Drive every episode again.  [default: a sample]")
 @click.option(
-    "--sample", "most", type=click.IntRange(min=1), default=10, show_default=True,
-    help="Cases of the sample, spread over the submission; two episodes of each are driven.",
+    "--sample", "most", type=click.IntRange(min=1), default=60, show_default=True, help="Episodes of the sample."
+)
+@click.option(
+    "--seed", type=click.IntRange(min=0), help="Draws the sample.  [default: of the entry's digest and the clock]"
+)
+@click.option(
+    "--seconds", type=click.FloatRange(min=0.0, min_open=True), default=SECONDS, show_default=True,
+    help="That a decision of a policy of your own may take; a load and a first decision may take two minutes.",
 )  # fmt: skip
 @_POLICY
-def verify(folder: Path, every: bool, most: int, own: str | None) -> None:
-    """Drives a sample of the submission in FOLDER again and compares every bit; status 1 where one differs.
+def verify(folder: Path, every: bool, most: int, seed: int | None, seconds: float, own: str | None) -> None:
+    """Checks the submission in FOLDER against the frozen scenarios, and drives a sample of it again, drawn at random.
 
-    Nothing in FOLDER is run: an entry from outside of the package needs --policy.
+    Every bit is compared; status 1 where one differs. Nothing in FOLDER is run: an entry from outside of the package
+    needs --policy, and runs in a process of its own, which gets briefings and observations.
     """
-    try:
-        submission = read_submission(folder)
-        entrant = _entrant(own)
-        other = check(submission, entrant)
-        driven, wrong = differing(submission, entrant, None if every else most)
-    except ValueError as error:
-        raise click.ClickException(str(error)) from None
-    if wrong:
-        raise click.ClickException(f"{folder}: {wrong}{f' ({other})' if other else ''}")
-    outcome = f"{driven} of {len(submission.rows)} episodes were driven again, each the same to the last bit"
+    other = ""
+    with contextlib.ExitStack() as stack:
+        try:
+            submission = read_submission(folder)
+            entrant = None if own is None else stack.enter_context(Apart(own, seconds))
+            other = other_code(submission, entrant)
+            check(submission, entrant)
+            seed = draw_seed(submission) if seed is None else seed
+            numbers = drawn(len(submission.rows), None if every else most, seed)
+            if wrong := differing(submission, entrant, numbers):
+                raise ValueError(f"{folder}: {wrong}; drawn with --seed {seed}")
+        except ValueError as error:
+            raise click.ClickException(f"{error}{f' ({other})' if other else ''}") from None
+    count, driven = len(submission.rows), len(numbers)
+    outcome = f"{driven} of {count} episodes were driven again, each the same to the last bit"
+    if driven < count:
+        forged = least_found(count, driven)
+        outcome += f"; drawn with --seed {seed}, which meets one of {forged} forged episodes with 95 % probability"
     print(f"{folder}: {outcome}{f', though {other}' if other else ''}")
-
-
-def _entrant(own: str | None) -> Entrant | None:
-    return None if own is None else own_policy(own)

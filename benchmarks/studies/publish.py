@@ -21,9 +21,11 @@ import click
 import front_page
 from kept_rows import SUFFIX, packed, thinned, unpacked
 from reproduction import check, stamped
-from results_page import PAGE, README, Kept, Made, pages
+from results_page import LEADERBOARD, PAGE, README, Kept, Made, pages, submitted
 from sections import DOCUMENTS, KEPT, ROWS, SECTIONS, Section
 
+from wayfield.benchmarks.commands.submission import content as entry_files
+from wayfield.benchmarks.commands.submission import driven_today
 from wayfield.benchmarks.contests import PUBLIC_SPLIT
 from wayfield.benchmarks.entrants.documents import documents
 from wayfield.benchmarks.leaderboards.document_tables import document_tables
@@ -44,6 +46,7 @@ from wayfield.system.storage import write_whole
 @click.option("--stale", is_flag=True, help="Take results that come out otherwise today; the page says so.")
 @click.option("--film", is_flag=True, help=f"Also make {front_page.FILM}, README's moving picture.")
 @click.option("--pages", "again", is_flag=True, help="Only make tables and pages anew from the rows that are kept.")
+@click.option("--entries", is_flag=True, help="Only drive the entries of the leaderboard again, in place.")
 @click.option("--results", default="results", show_default=True, metavar="DIR", help="Where the runs' folders are.")
 @click.option("--root", default=".", show_default=True, metavar="DIR", help="The repository, with README.md and docs.")
 @click.option("--workers", "count", type=click.IntRange(min=1), help="Processes.  [default: a core each, at most 4]")
@@ -53,6 +56,7 @@ def main(
     stale: bool,
     film: bool,
     again: bool,
+    entries: bool,
     results: str,
     root: str,
     count: int | None,
@@ -65,6 +69,11 @@ def main(
     above, home = Path(results), Path(root)
     wanted = [each for each in SECTIONS if only is None or each.name in only]
     try:
+        if entries:
+            for name, entry in submitted(home / LEADERBOARD).items():
+                found = entry_files(driven_today(entry, entry.card["entry"]["split"]))
+                write(home / LEADERBOARD / name, found)
+            return
         if again:
             write(home, made_again(home))
             picture(home)

@@ -16,7 +16,7 @@ from kept_rows import SUFFIX
 from sections import KEPT, ROWS, SECTIONS, Section
 from tabulate import tabulate
 
-from wayfield.benchmarks.commands.submission import Submission, left_out, read_submission
+from wayfield.benchmarks.commands.submission import Submission, check_whole, read_submission
 from wayfield.benchmarks.contests import CONTESTS, PACE_TOLERANCE, TRAINED
 from wayfield.benchmarks.leaderboards.entries import (
     OFF_PACE,
@@ -191,16 +191,18 @@ def _leaderboard(entries: Mapping[str, Submission]) -> str:
     """Returns the page of accepted submissions, ranked by success and then by cost within a contest and split."""
     blocks = [
         "# Leaderboard",
-        "Entries that anyone can drive again: `wayfield verify docs/leaderboard/NAME` drives a sample, or `--all`, "
-        "and compares every bit. `wayfield submit RUN ENTRY --out FOLDER` makes such a folder from a contest run of "
-        "your own policy, agent or model; open a pull request with it here. Nothing in a folder is run: an entry of a "
-        "policy that does not ship is verified with `--policy`. Made by "
+        "Entries that anyone can drive again: `wayfield verify docs/leaderboard/NAME` drives a random sample, or "
+        "`--all`, and compares every bit. `wayfield submit RUN ENTRY --out FOLDER` makes such a folder from a contest "
+        "run of your own policy, agent or model; open a pull request with it here. Nothing in a folder is run: an "
+        "entry of a policy that does not ship is verified with `--policy`. Made by "
         "`python benchmarks/studies/publish.py --pages`.",
     ]
     kinds: dict[tuple[str, ...], list[tuple[str, Submission, Episodes]]] = {}
     for name, each in entries.items():
-        if gone := left_out(each):
-            raise ValueError(f"{LEADERBOARD}/{name}: {gone}")
+        try:
+            check_whole(each)
+        except ValueError as error:
+            raise ValueError(f"{LEADERBOARD}/{name}: {error}") from None
         rows = Episodes.of([{"agent_seed": "", **row} for row in each.rows])
         first = each.first
         names = ("contest", "robot", "split", "actuators", "dynamics", "disturbance")

@@ -4,6 +4,7 @@ import csv
 import io
 import json
 import lzma
+import random
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -13,22 +14,20 @@ import pytest
 from click.testing import CliRunner, Result
 
 from wayfield.benchmarks.commands.evaluate import main as evaluate
-from wayfield.benchmarks.commands.submission import (
-    CARD,
-    ROWS,
-    Submission,
-    content,
-    left_out,
-    read_submission,
-    signed,
-)
+from wayfield.benchmarks.commands.submission import CARD, ROWS, Submission, content, drawn, least_found, signed
 from wayfield.benchmarks.commands.submit import submit, verify
 
-SMALL = ("--suite", "docking", "--gains", "default", "--families", "open,wall", "--episodes", "2", "--workers", "1")
+ENTRY = ("--suite", "docking", "--gains", "default", "--workers", "1")
 OWN = """
-import random
+import functools, gc, random, sys, time
 import numpy as np
+from gymnasium.vector import VectorEnv
 from wayfield.envs import goal_reaching
+
+
+@functools.cache
+def sees_an_environment():
+    return any(isinstance(each, VectorEnv) for each in gc.get_objects())
 
 
 class Still:
@@ -44,6 +43,7 @@ class Still:
     def act(self, observation, briefing, memory):
         return np.column_stack([np.full(briefing.num_envs, SPEED), np.full(briefing.num_envs, self.turn)])
 """
+Rows = list[dict[str, str]]
 
 
 def called(command: Any, *words: object) -> Result:
@@ -54,188 +54,235 @@ def called(command: Any, *words: object) -> Result:
 def submitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Returns the submission of a law of the package."""
     folder = tmp_path_factory.mktemp("run")
-    assert called(evaluate, *SMALL, "--policies", "polar", "--out", folder / "run").exit_code == 0
+    assert called(evaluate, *ENTRY, "--policies", "polar", "--out", folder / "run").exit_code == 0
     made = called(submit, folder / "run", "polar", "--out", folder / "polar")
     assert made.exit_code == 0, made.output
     return folder / "polar"
 
 
+def refused_in_a_line(done: Result) -> str:
+    assert (done.exit_code, done.stderr.count("\n")) == (1, 1), done.output
+    return done.stderr
+
+
 def test_an_entry_is_driven_again_to_the_same_bits(submitted: Path) -> None:
     done = called(verify, submitted, "--all")
     assert done.exit_code == 0, done.output
-    assert "4 of 4 episodes were driven again, each the same to the last bit" in done.output
+    assert "50 of 50 episodes were driven again, each the same to the last bit" in done.output
     assert sorted(file.name for file in submitted.iterdir()) == [CARD, ROWS]
-    for run, told in (
-        ("run", "has no entry 'lqr'; it has polar"),
-        ("nowhere", "nowhere is no finished run: episodes."),
-    ):
-        refused = called(submit, submitted.parent / run, "lqr", "--out", submitted.parent / "other")
-        assert (refused.exit_code, refused.stderr.count("\n")) == (1, 1)
-        assert told in refused.stderr
-        assert not (submitted.parent / "other").exists()
+    few = called(verify, submitted, "--sample", 5).output
+    assert few != called(verify, submitted, "--sample", 5).output  # nobody foresees the draw
+    seed = few.partition("--seed ")[2].partition(",")[0]
+    assert few == called(verify, submitted, "--sample", 5, "--seed", seed).output
 
 
-def changed(submission: Path, name: str, edit: Callable[[Any], Any]) -> None:
-    """Edits the card, or the rows as a list of dictionaries, of a submission; digests stay as they were."""
-    file = submission / name
-    if name == CARD:
-        file.write_text(json.dumps(edit(json.loads(file.read_text()))))
-        return
-    rows = edit(list(csv.DictReader(io.StringIO(lzma.decompress(file.read_bytes()).decode()))))
-    file.write_bytes(content(Submission({}, rows))[ROWS])
+def test_what_is_no_whole_entry_is_not_submitted(submitted: Path, tmp_path: Path) -> None:
+    for run, told in (("run", "has no entry 'lqr'; it has polar"), ("no", "no is no finished run: episodes.")):
+        assert told in refused_in_a_line(called(submit, submitted.parent / run, "lqr", "--out", tmp_path / "other"))
+    few = ("--families", "open,wall", "--episodes", "2", "--policies", "polar", "--out", tmp_path / "few")
+    assert called(evaluate, *ENTRY, *few).exit_code == 0
+    told = refused_in_a_line(called(submit, tmp_path / "few", "polar", "--out", tmp_path / "other"))
+    assert "8 of the 10 frozen scenarios of open/test are missing, 46 of all" in told
+    assert not (tmp_path / "other").exists()
 
 
-def quicker(rows: list[dict[str, str]]) -> list[dict[str, str]]:
-    rows[1]["time"] = f"{float(rows[1]['time']) - 0.05!r}"
+def test_a_draw_meets_forged_episodes_as_often_as_it_says() -> None:
+    for count, driven in ((50, 5), (130, 60), (7, 7), (2, 1)):
+        forged = least_found(count, driven)
+        met = [bool(set(range(forged)) & set(drawn(count, driven, seed))) for seed in range(2000)]
+        assert sum(met) / len(met) > 0.93
+        assert forged <= count - driven + 1
+
+
+def rows_of(submission: Path) -> Rows:
+    return list(csv.DictReader(io.StringIO(lzma.decompress((submission / ROWS).read_bytes()).decode())))
+
+
+def signed_anew(submission: Path, rows: Rows) -> None:
+    """Puts rows into a submission, with digests that fit."""
+    (submission / ROWS).write_bytes(content(Submission({}, rows))[ROWS])
+    with_card(submission, episodes=[signed(row) for row in rows_of(submission)])
+
+
+def with_card(submission: Path, **fields: Any) -> None:
+    file = submission / CARD
+    file.write_text(json.dumps(json.loads(file.read_text()) | fields))
+
+
+Tamper = Callable[[random.Random, Rows], Rows]
+
+
+def cell(name: str, forged: Callable[[random.Random, str], str]) -> Tamper:
+    """Returns a tamper with one cell of a column."""
+
+    def edit(draw: random.Random, rows: Rows) -> Rows:
+        row = draw.choice(rows)
+        row[name] = forged(draw, row[name])
+        return rows
+
+    return edit
+
+
+def measured(draw: random.Random, rows: Rows) -> Rows:
+    number = draw.randrange(len(rows))
+    names = [name for name, text in rows[number].items() if text.replace(".", "").isdigit() and "." in text]
+    name = draw.choice([each for each in names if each not in ("failure_cost", "quantity")])
+    rows[number][name] = f"{float(rows[number][name]) * draw.uniform(0.5, 0.99)!r}"
     return rows
 
 
+def without(draw: random.Random, rows: Rows) -> Rows:
+    gone = draw.sample(range(len(rows)), draw.randint(1, 20))
+    return [row for k, row in enumerate(rows) if k not in gone]
+
+
+def doubled(draw: random.Random, rows: Rows) -> Rows:
+    one, other = draw.sample(range(len(rows)), 2)  # the better one in place of a worse one
+    rows[one] = dict(rows[other])
+    return rows
+
+
+def moved(draw: random.Random, rows: Rows) -> Rows:
+    family = draw.choice(rows)["family"]
+    one, other = draw.sample([row for row in rows if row["family"] == family], 2)
+    one["episode"], other["episode"] = other["episode"], one["episode"]
+    return rows
+
+
+def no_column(draw: random.Random, rows: Rows) -> Rows:
+    name = draw.choice(("path_length", "effort", "knows", "learned_from", "tier"))
+    return [{each: text for each, text in row.items() if each != name} for row in rows]
+
+
+TAMPERS: dict[str, tuple[Tamper, str]] = {
+    "a number": (measured, "submitted as"),
+    "times": (cell("time", lambda draw, _: f"{draw.randint(20, 80) * 0.05!r}"), "time is "),
+    "successes": (cell("success", lambda _, text: f"{1 - int(text)}"), "success is "),
+    "training": (cell("learned_from", lambda draw, _: f"{draw.randint(1, 9)} M frames"), "learned_from is 0 frames"),
+    "access": (cell("knows", lambda draw, _: draw.choice(("path", "map", "bodies"))), "knows is "),
+    "parameters": (cell("parameters", lambda draw, _: f"{draw.randint(100, 999)}"), "parameters is "),
+    "tiers": (cell("quantity", lambda draw, _: f"{draw.random():.3f}"), "quantity is "),
+    "gains": (cell("gains", lambda draw, _: f"k_rho={draw.random():.2f}"), "has the gains"),
+    "conditions": (cell("actuators", lambda draw, _: draw.choice(("ideal", "delayed"))), "has other actuators than"),
+    "seeds": (cell("seed", lambda draw, text: f"{int(text) + draw.randint(1, 9)}"), "its seed is"),
+    "families": (cell("family", lambda draw, _: draw.choice(("nowhere", ""))), "its family is"),
+    "scenarios": (cell("scenario", lambda draw, _: draw.choice(("nowhere/test", "open/train"))), "are not those"),
+    "no column": (no_column, ""),
+    "missing rows": (without, "are missing"),
+    "doubled rows": (doubled, "comes twice"),
+    "rows of other episodes": (moved, "its seed is"),
+}
+
+
+@pytest.mark.parametrize("kind", TAMPERS)
+def test_rows_that_were_forged_and_signed_anew_are_found(kind: str, submitted: Path, tmp_path: Path) -> None:
+    tamper, told = TAMPERS[kind]
+    original = rows_of(submitted)
+    for number in range(10):
+        draw = random.Random(f"{kind} {number}")
+        copy = shutil.copytree(submitted, tmp_path / f"{number}")
+        forged = tamper(draw, [{"gains": ""} | row for row in original])
+        signed_anew(copy, forged)
+        assert told in refused_in_a_line(called(verify, copy, "--all"))
+        if kind == "times":  # driving alone shows it: a draw finds it where it meets the episode
+            (place,) = (k for k, row in enumerate(forged) if row["time"] != original[k]["time"])
+            met = place in drawn(len(forged), 15, number)
+            assert called(verify, copy, "--sample", 15, "--seed", number).exit_code == met
+
+
+def of_card(name: str, value: Any) -> Callable[[bytes], bytes]:
+    return lambda text: json.dumps(json.loads(text) | {name: value}).encode()
+
+
+def of_text(edit: Callable[[bytes], bytes]) -> Callable[[bytes], bytes]:
+    return lambda packed: lzma.compress(edit(lzma.decompress(packed)))
+
+
+def says_less(packed: bytes) -> bytes:
+    """Returns rows whose index tells of fewer bytes than they unpack to."""
+    place = len(packed) - 12 - (int.from_bytes(packed[-8:-4], "little") + 1) * 4 + 4
+    return packed[:place] + bytes([packed[place] ^ 1]) + packed[place + 1 :]
+
+
 @pytest.mark.parametrize(
     ("name", "edit", "told"),
     [
-        (ROWS, quicker, "episode 1 of open/test is not as the card has it"),
-        (ROWS, lambda rows: rows[:-1], "has 3 episodes, its card 4"),
+        (ROWS, of_text(lambda text: text.replace(b",0.", b",1.", 1)), "is not as the card has it"),
+        (ROWS, of_text(lambda text: text.rsplit(b"\n", 2)[0] + b"\n"), "has 49 episodes, its card 50"),
+        (ROWS, of_text(lambda text: text + text.rsplit(b"\n", 2)[1]), "has more episodes than the 50 of its card"),
+        (ROWS, of_text(lambda text: text + b"a,b\n"), "row 50 has 2 cells, its header"),
+        (ROWS, lambda packed: packed + packed, "something stands behind its end"),
+        (ROWS, says_less, "holds no packed rows"),
+        (CARD, lambda text: text.replace(b'"policy": "polar"', b'"policy": "mpc", "policy": "polar"'), "given twice"),
+        (CARD, of_card("episodes", 3), "episodes is missing, or no list"),
+        (CARD, of_card("policy", "0" * 64), "but the entry is none of a policy of somebody's own"),
+        (CARD, of_card("code", "0" * 64), "code is 000000000000, but versions has"),
+        (CARD, of_card("scenarios", {}), "its scenarios 'open/test' are not those of this version"),
         (
             CARD,
-            lambda card: card | {"scenarios": card["scenarios"] | {"wall/test": "0" * 64}},
-            "episode 0 of wall/test",
+            lambda text: text.replace(b'ios": {', b'ios": {"open/claims": "0",'),
+            "scenarios 'open/claims', of",
         ),
-        (CARD, lambda card: card | {"episodes": 3}, "episodes is missing, or no list"),
-    ],
-    ids=["a number", "a row", "scenarios", "a type"],
-)
-def test_what_was_changed_is_named_in_a_line(
-    submitted: Path, tmp_path: Path, name: str, edit: Callable[[Any], Any], told: str
-) -> None:
-    copy = shutil.copytree(submitted, tmp_path / "copy")
-    changed(copy, name, edit)
-    refused = called(verify, copy)
-    assert (refused.exit_code, refused.stderr.count("\n")) == (1, 1), refused.output
-    assert told in refused.stderr
-
-
-@pytest.mark.parametrize(
-    ("name", "edit", "told"),
-    [
-        (CARD, lambda text: text.replace(b'"policy": "polar"', b'"policy": "mpc", "policy": "polar"'), "given twice"),
-        (ROWS, lambda packed: packed + packed, "something stands behind its end"),
-        (ROWS, lambda packed: lzma.compress(lzma.decompress(packed) + b"a,b\n"), "row 4 has 2 cells, its header"),
     ],
 )
-def test_what_other_readers_read_otherwise_is_refused_in_a_line(
+def test_files_that_contradict_themselves_are_refused_in_a_line(
     submitted: Path, tmp_path: Path, name: str, edit: Callable[[bytes], bytes], told: str
 ) -> None:
     copy = shutil.copytree(submitted, tmp_path / "copy")
     (copy / name).write_bytes(edit((copy / name).read_bytes()))
-    refused = called(verify, copy)
-    assert (refused.exit_code, refused.stderr.count("\n")) == (1, 1), refused.output
-    assert told in refused.stderr
-
-
-def signed_anew(submission: Path, edit: Callable[[list[dict[str, str]]], list[dict[str, str]]]) -> None:
-    """Edits the rows of a submission and makes its digests fit."""
-    changed(submission, ROWS, edit)
-    text = lzma.decompress((submission / ROWS).read_bytes()).decode()
-    digests = [signed(row) for row in csv.DictReader(io.StringIO(text))]
-    changed(submission, CARD, lambda card: card | {"episodes": digests})
-
-
-def test_a_number_that_was_signed_anew_is_found_by_driving(submitted: Path, tmp_path: Path) -> None:
-    copy = shutil.copytree(submitted, tmp_path / "copy")
-    signed_anew(copy, quicker)
-    assert len(read_submission(copy).rows) == 4
-    refused = called(verify, copy, "--all")
-    assert refused.exit_code == 1
-    assert "episode 1 of open/test: time is " in refused.stderr
-
-
-def with_all(name: str, cell: str) -> Callable[[list[dict[str, str]]], list[dict[str, str]]]:
-    return lambda rows: [row | {name: cell} for row in rows]
-
-
-@pytest.mark.parametrize(
-    ("edit", "told"),
-    [
-        (lambda rows: [*rows[:2], *with_all("actuators", "ideal")(rows[2:])], "has other actuators than the first"),
-        (with_all("seed", "5"), "episode 0 of open/test: its seed is 5, that of the contest"),
-        (with_all("scenario", "nowhere/test"), "its scenarios 'nowhere/test' are not those of this version"),
-        (
-            lambda rows: [{name: cell for name, cell in row.items() if name != "path_length"} for row in rows],
-            "episode 0 of open/test: column path_length is left out",
-        ),
-        (with_all("knows", "sensors, map"), "episode 0 of open/test: knows is sensors, submitted as sensors, map"),
-    ],
-    ids=["conditions", "seeds", "no scenarios", "a column", "access"],
-)
-def test_what_was_signed_anew_is_refused_in_a_line(
-    submitted: Path, tmp_path: Path, edit: Callable[[Any], Any], told: str
-) -> None:
-    copy = shutil.copytree(submitted, tmp_path / "copy")
-    signed_anew(copy, edit)
-    refused = called(verify, copy)
-    assert (refused.exit_code, refused.stderr.count("\n")) == (1, 1), refused.output
-    assert told in refused.stderr
-
-
-def test_a_submission_says_what_it_leaves_out(submitted: Path) -> None:
-    whole = read_submission(submitted)
-    assert "though it leaves out behind" in called(verify, submitted).output
-    (first, *_) = whole.rows
-    families = ("open", "behind", "wall", "berth", "moving")
-    rows = [first | {"family": family} for family in families]
-    assert left_out(Submission({}, rows)) == ""
-    assert "more scenarios of one family" in left_out(Submission({}, [*rows, rows[0]]))
-    agents = [row | {"policy": "ppo", "gains_name": "trained", "agent_seed": f"{k}"} for row in rows for k in range(5)]
-    assert left_out(Submission({}, agents)) == ""
-    best = [row for row in agents if row["agent_seed"] == "3"]
-    assert left_out(Submission({}, best)) == "it leaves out open, agent 0"
+    assert told in refused_in_a_line(called(verify, copy))
 
 
 def test_other_code_that_drives_the_same_is_told_of(submitted: Path, tmp_path: Path) -> None:
     copy = shutil.copytree(submitted, tmp_path / "copy")
-    changed(copy, CARD, lambda card: card | {"code": "0" * 64, "versions": card["versions"] | {"python": "3.9"}})
-    done = called(verify, copy)
+    versions = json.loads((copy / CARD).read_text())["versions"]
+    older = {"python": "3.9", "code and agents": "0" * 12, "commit": "HEAD~1"}
+    with_card(copy, code="0" * 64, versions=versions | older)
+    done = called(verify, copy, "--sample", 1)
     assert done.exit_code == 0
-    assert "it was driven by other code (python 3.9 there" in done.output
-    signed_anew(copy, quicker)
-    refused = called(verify, copy)
-    assert "episode 1 of open/test: time is " in refused.stderr
-    assert "driven by other code" in refused.stderr
+    assert "it was driven by other code (code and agents 000000000000 there" in done.output
+    assert "python 3.9 there" in done.output
+    assert "commit HEAD~1 there" in done.output
+    signed_anew(copy, [row | {"time": "1.0"} for row in rows_of(copy)])
+    assert "driven by other code" in refused_in_a_line(called(verify, copy, "--sample", 1))
+
+
+@pytest.fixture(scope="module")
+def of_ones_own(submitted: Path) -> Path:
+    """Returns the submission of a policy of one's own, `still:Still turn=0.1`, at 0.1 m/s."""
+    folder = submitted.parent / "mine"
+    folder.mkdir()
+    (folder / "still.py").write_text(OWN.replace("SPEED", "0.1"))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        run = called(evaluate, *ENTRY, "--policies", "polar", "--policy", "still:Still turn=0.1", "--out", "run")
+        assert run.exit_code == 0, run.output
+        named = ("still:Still (own turn=0.1)", "--policy", "still:Still turn=0.1")
+        made = called(submit, "run", *named, "--out", folder / "entry")
+        assert made.exit_code == 0, made.output
+    return folder / "entry"
 
 
 @pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize(
-    ("speed", "after", "told"),
+    ("speed", "told"),
     [
-        ("0.1", "0.1", ""),
-        ("random.random()", "random.random()", "episode 0 of open/test: the policy is not deterministic"),
-        ("0.1", "0.2", "episode 0 of open/test: "),  # another weight
+        ("0.1", ""),
+        ("0.1 + sees_an_environment()", ""),
+        ("random.random()", "the policy is not deterministic"),
+        ("0.2", "submitted as"),
+        ("0.1 + bool(time.sleep(1))", "act took over 0.5 s"),
+        ("sys.exit(3)", "its process ended with status 3"),
     ],
-    ids=["own", "random", "another"],
+    ids=["same", "curious", "random", "another", "slow", "gone"],
 )
-def test_a_policy_of_ones_own_runs_only_where_it_is_named(
-    speed: str, after: str, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_policy_of_ones_own_runs_where_it_is_named_in_a_process_that_has_no_environment(
+    speed: str, told: str, of_ones_own: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    assert "name it with --policy" in refused_in_a_line(called(verify, of_ones_own))
     monkeypatch.chdir(tmp_path)
-    module = f"submitted_{abs(hash((speed, after)))}"
-    source = tmp_path / f"{module}.py"
-    source.write_text(OWN.replace("SPEED", speed))
-    own = f"{module}:Still turn=0.1"
-    run = called(evaluate, *SMALL, "--policies", "polar", "--policy", own, "--out", "run")
-    assert run.exit_code == 0, run.output
-    made = called(submit, "run", f"{module}:Still (own turn=0.1)", "--policy", own, "--out", "sub")
-    assert made.exit_code == 0, made.output
-    refused = called(verify, "sub")
-    assert "name it with --policy" in refused.stderr
-    other = module
-    if after != speed:
-        other = f"{module}_other"
-        (tmp_path / f"{other}.py").write_text(OWN.replace("SPEED", after))
-    done = called(verify, "sub", "--policy", f"{other}:Still turn=0.1")
-    if told:
-        assert done.exit_code == 1
-        assert told in done.stderr
-        assert done.stderr.count("\n") == 1
-        assert ("another file than the one that drove" in done.stderr) == (after != speed)
-    else:
-        assert done.exit_code == 0, done.output
+    (tmp_path / "still.py").write_text(OWN.replace("SPEED", speed))
+    done = called(verify, of_ones_own, "--policy", "still:Still turn=0.1", "--sample", 2, "--seconds", 0.5)
+    assert done.exit_code == bool(told), done.output
+    assert ("another file than the one that drove" in done.output) == (speed != "0.1")
+    assert told in (refused_in_a_line(done) if told else done.output)
