@@ -9,6 +9,7 @@ import numpy as np
 
 from wayfield.benchmarks.contests import (
     ALL_CONTESTS,
+    COST,
     OWN_SPLIT,
     PACE_TOLERANCE,
     PUBLIC_SPLIT,
@@ -191,10 +192,12 @@ def board_table(standings: Standings, decisions: Episodes) -> Table:
 def standings_table(standings: Standings, seen: Mapping[Entry, Episodes], decisions: Episodes) -> Table:
     """Returns the main table: an entry a line, what it achieved first, what it is made of last."""
     contest = standings.contest
+    there = {name for rows in standings.entries.values() for name in (*rows.names, COST)}
+    columns = [each for each in contest.columns if each.metric in there]  # rows of earlier versions have fewer
     lines = []
     for entry, rows in ranked(standings).items():
         cells = [*entry, success_cell(rows)]
-        for column in contest.columns:
+        for column in columns:
             mark = OFF_PACE if column.metric == "mean_speed" and off_pace(rows, contest.pace) else ""
             cells.append(cell(column, rows, contest) + mark)
         if decisions:
@@ -204,7 +207,7 @@ def standings_table(standings: Standings, seen: Mapping[Entry, Episodes], decisi
             cells.append(gap(seen.get(entry), rows, contest))
         cells += [rows[0][name] for name in ("knows", "parameters", "learned_from")]
         lines.append(cells)
-    header = ["policy", "gains", "success (%)", *(column.header for column in contest.columns)]
+    header = ["policy", "gains", "success (%)", *(column.header for column in columns)]
     header += ["compute p99 (ms)"] * bool(decisions) + [contest.gap.header if contest.gap else ""] * bool(seen)
     header += ["knows", "parameters", "learned from"]
     return Table(standings.title, header, lines, _standings_note(standings, bool(seen)))

@@ -1,5 +1,6 @@
 """Verdicts on pairs, and what tables and charts make of a law that never arrives."""
 
+import dataclasses
 import json
 import math
 
@@ -14,9 +15,10 @@ from oracles.drawn_tables import (
     rows_of,
 )
 
-from wayfield.benchmarks.contests import CONTESTS
+from wayfield.benchmarks.contests import CONTESTS, Column
 from wayfield.benchmarks.leaderboards import verdicts
-from wayfield.benchmarks.leaderboards.leaderboard import contest_tables
+from wayfield.benchmarks.leaderboards.entries import by_entry
+from wayfield.benchmarks.leaderboards.leaderboard import Standings, contest_tables, standings_table
 from wayfield.benchmarks.records.episode import Episodes
 from wayfield.benchmarks.report import findings
 
@@ -125,3 +127,13 @@ def test_a_law_that_never_arrives_is_in_tables_and_charts_that_a_page_can_hold()
     *_, last = findings.front_chart(contest, "p3dx", Episodes(once))["series"]
     assert [point["asked"] for point in last["points"]] == ["0.9"]
     assert json.dumps([*finding.charts, front], allow_nan=False)
+
+
+def test_a_column_of_a_later_version_leaves_tables_of_earlier_rows_as_they_are() -> None:
+    contest = CONTESTS["docking"]
+    rows = by_entry(Episodes.of(rows_of(contest, 0)).where(split="test"))
+    now = Standings(contest, "docking", rows, COMMAND)
+    wider = dataclasses.replace(contest, columns=(Column("later", "later"), *contest.columns))
+    assert standings_table(dataclasses.replace(now, contest=wider), {}, Episodes()) == standings_table(
+        now, {}, Episodes()
+    )
