@@ -60,7 +60,8 @@ class Path:
         try:
             array = np.array(points, dtype=np.float64)
         except (TypeError, ValueError, OverflowError, RecursionError) as error:
-            raise ValueError(f"path points must be numbers of shape (n, 2), got {shown(points)}: {error}") from None
+            got = f"{shown(points)}: {error!s:.100}"  # a text in its place may be long
+            raise ValueError(f"path points must be numbers of shape (n, 2), got {got}") from None
         if array.ndim != 2 or array.shape[1] != 2:
             raise ValueError(f"path points must have shape (n, 2), got {array.shape}")
         least = 3 if closed else 2
