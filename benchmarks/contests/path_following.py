@@ -67,6 +67,7 @@ _WITH_CORNERS = tuple(family for family in _SPEC.families if family.startswith("
 PATH_FOLLOWING = Contest(
     spec=_SPEC,
     policies=entering(_SPEC.suite),
+    claims=("pure_pursuit", "regulated_pure_pursuit", "smooth_pose", "stanley", "lqr", "ilqr", "mpc", "ppo"),
     overview=("pure_pursuit", "regulated_pure_pursuit", "stanley", "mpc", "ppo"),
     env_kwargs={},
     columns=(

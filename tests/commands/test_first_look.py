@@ -28,8 +28,12 @@ def test_a_first_look_is_thirty_lines_of_three_policies_a_task(tmp_path: Path) -
     lines = out.splitlines()
     assert len(lines) <= 30
     assert max(map(len, lines)) <= 80
-    assert "no claim" in out
-    assert "More: wayfield evaluate" in out
+    assert "not a verdict" in out
+    assert "Next: wayfield evaluate" in out
+    readme = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+    printed = readme.partition("$ wayfield evaluate --quick\n")[2].partition("```")[0]
+    assert printed
+    assert printed in out  # what the quick start shows is what it prints
     folder = tmp_path / "results" / "quick"
     rows = read_rows(folder)
     met = {name: {row["policy"] for row in rows if row["contest"] == name} for name in {row["contest"] for row in rows}}
