@@ -75,7 +75,7 @@ class Panel:
 _TASKS: tuple[tuple[str, str, str, str, str, str, Mapping[str, str]], ...] = (
     (
         "Path following", "RMS cross-track error (mm), lower is better", "mm", "paths",
-        "claims/path_following_p3dx", "{} tracks {where} more closely than {}",
+        "path_following_p3dx", "{} tracks {where} more closely than {}",
         {"smooth paths": "smooth paths", "paths with corners": "paths with corners"},
     ),
     (
@@ -93,7 +93,7 @@ _TASKS: tuple[tuple[str, str, str, str, str, str, Mapping[str, str]], ...] = (
 
 
 TASKS = len(_TASKS) + 1
-_SECTIONS = ("path-following-claims", "goal-obstacles-claims", "docking-claims")  # whose rows these are
+_SECTIONS = ("path-following", "goal-obstacles-claims", "docking-claims")  # whose rows these are
 
 
 def panels(kept: Kept) -> Iterator[Panel]:

@@ -52,7 +52,7 @@ Row = Mapping[str, str]
 # What README, the index and the advice are about: the heading, the section, the table, and the kinds of scenes.
 Task = tuple[str, str, str, tuple[str, ...]]
 TASKS: tuple[Task, ...] = (
-    ("Follow a path", "path-following-claims", "claims/path_following_p3dx", ("smooth paths", "paths with corners")),
+    ("Follow a path", "path-following", "path_following_p3dx", ("smooth paths", "paths with corners")),
     ("Reach a goal among what stands still", "goal-obstacles-claims", "claims/goal_obstacles_p3dx", ("still",)),
     ("Reach a goal while others move", "goal-obstacles-claims", "claims/goal_obstacles_p3dx", ("moving",)),
     (
