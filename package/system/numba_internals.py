@@ -331,7 +331,7 @@ class _Cache(caching.FunctionCache):
         return carried or (self._found() and pathlib.Path(self._cache_path, f"{self._base}.nbi").is_file())
 
     def _named(self) -> Any:
-        """Returns the kernel's files in the wheel, whether or not there are any; makes names and digest, once.
+        """Returns the kernel's files in the wheel, or a shared folder that is read alone; makes names and digest, once.
 
         Not before the kernel is first compiled, since what it refers to may stand behind it in its module.
         """
@@ -340,7 +340,10 @@ class _Cache(caching.FunctionCache):
             package, _, module = self._py_func.__module__.rpartition(".")
             self._kernel = f"{module}.{self._py_func.__qualname__}".replace("<", "").replace(">", "")
             self._base = f"{self._kernel}-{self._digest[:16]}.{_PYTHON}"
-            self._carried = _Files(str(CARRIED / package), self._base, self._digest)
+            shared = _config.CACHE_DIR  # a folder that others fill and nobody may change, as in a classroom
+            places = [CARRIED, *([pathlib.Path(shared)] if shared and not os.access(shared, os.W_OK) else [])]
+            files = [_Files(str(place / package), self._base, self._digest) for place in places]
+            self._carried = next((each for each in files if pathlib.Path(each._index_path).is_file()), files[0])
         return self._carried
 
     def _found(self) -> bool:

@@ -33,9 +33,10 @@ class Copy:
         shutil.copytree(Path(wayfield.__file__).parent, home / "wayfield", ignore=lambda folder, names: without)
 
     def run(self, cache: Path, code: str = SINES, **settings: str) -> "subprocess.CompletedProcess[str]":
-        """Runs code with that copy, and a folder for what it compiles."""
+        """Runs code with that copy, and a folder for what it compiles; what may not be written, not by root either."""
         environment = os.environ | settings | {"PYTHONPATH": str(self.home), "NUMBA_CACHE_DIR": str(cache)}
-        words = [sys.executable, "-c", code]
+        bound = ["setpriv", "--bounding-set", "-dac_override", "--inh-caps", "-all"]
+        words = [*(bound if shutil.which("setpriv") and os.geteuid() == 0 else []), sys.executable, "-c", code]
         return subprocess.run(words, env=environment, cwd=self.home, capture_output=True, text=True, check=True)
 
 
@@ -60,6 +61,18 @@ def test_what_the_package_carries_is_compiled_by_nobody_and_has_the_same_bits_at
         bits.add(made)
     assert len(bits) == 1
     assert not list(cache.rglob("*.nb?"))
+
+
+@pytest.mark.skipif(not shutil.which("setpriv"), reason="needs setpriv, of util-linux")
+def test_a_shared_folder_that_may_only_be_read_serves_its_code(copy: Copy, tmp_path: Path) -> None:
+    shared = tmp_path / "shared"
+    bits = copy.run(shared).stdout.split()[0]
+    folders = [shared, *(each for each in shared.iterdir() if each.is_dir())]
+    for folder in folders:
+        folder.chmod(0o555)
+    assert copy.run(shared).stdout.split() == [bits, "1", "0"]
+    for folder in folders:
+        folder.chmod(0o755)
 
 
 @pytest.mark.slow
