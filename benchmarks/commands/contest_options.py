@@ -40,8 +40,9 @@ from wayfield.benchmarks.runs.suite import WORST, Setting
 from wayfield.envs.robots import ROBOTS, Robot
 from wayfield.envs.robots.disturbances import LEVELS
 from wayfield.envs.scenarios import splits
+from wayfield.policies.parts.policy import check_robot
 from wayfield.policies.pilot import Pilot
-from wayfield.policies.registry import RENAMED
+from wayfield.policies.registry import POLICIES, RENAMED
 from wayfield.system.executors import cores
 
 DOCUMENTS = "documents"
@@ -284,6 +285,13 @@ class Options:
             for plant in self.plants:
                 for course in self.courses or self._frozen(contest, plant):
                     found += list(self._on(contest, plant, course))
+        unused = [name for name in self.policies or () if all(setting.case.policy != name for setting in found)]
+        for name in unused:
+            if name in POLICIES:
+                try:
+                    check_robot(POLICIES[name](), self.chosen_robot)
+                except ValueError as error:
+                    raise WrongOption(f"policies {name!r}: {error}") from None
         if not found:
             for contest in contests:
                 for line in contest.without_agents(self.policies or (), self.chosen_robot).values():
@@ -291,9 +299,8 @@ class Options:
             raise WrongOption(
                 f"suite {self.suite}: nothing is left to run with these policies, gains, plants, families"
             )
-        for name in self.policies or ():
-            if all(setting.case.policy != name for setting in found):
-                raise WrongOption(f"policies {name!r} has no case with these gains and {self.chosen_robot}")
+        for name in unused:
+            raise WrongOption(f"policies {name!r} has no case with these gains and {self.chosen_robot}")
         return sorted(found, key=lambda setting: setting.case.speed is not None)
 
     def _check_names(self, contests: list[Contest]) -> None:

@@ -239,7 +239,7 @@ print(most[1] - most[0])
         (["--policy", "pure_pursuit", "--out", "a.avi"], "must end in .mp4, .gif, .png"),
         (["DiffDriveGoalObstacles-v0", "--policy", "stanley", "--out", "a.png"], "Stanley reads"),
         (["--policy", "stanley", "--scenario", "s_curve", "--index", "7", "--out", "a.png"], "from 0 to 0"),
-        (["--policy", "waypoint", "--robot", "p3dx", "--out", "a.png"], "holonomic"),
+        (["--policy", "waypoint", "--robot", "p3dx", "--out", "a.png"], "goes sideways"),
     ],
 )
 def test_wrong_words_are_one_line(

@@ -160,6 +160,10 @@ def test_the_ladder_runs_every_level_of_every_task(tmp_path: Path) -> None:
         (("--suite", "goal-obstacles", "--families", "circles"), "'circles' has no scenarios for suite"),
         (("--suite", "goal-obstacles", "--families", "rooms,push_boxes"), "use --dynamics pymunk"),
         (("--suite", "goal-obstacles", "--policies", "dwa,mppi", "--gains", "paper"), "'mppi' has no case"),
+        (
+            ("--suite", "docking", "--robot", "p3dx", "--policies", "waypoint"),
+            "Waypoint needs a robot that goes sideways",
+        ),
         (("--suite", "goal-obstacles", "--families", "cluter_10"), "Did you mean 'clutter_10'?"),
         (("--robot", "p3dx"), "--robot belongs to the contests"),
         (("--suite", "path-following", "--episodes", "0"), "episodes"),
