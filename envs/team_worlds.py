@@ -662,7 +662,8 @@ class Teams(GoalReaching):
     param_fields = PARAMS
 
     def __init__(self, arguments: TeamArguments, options: Options) -> None:
-        self._asked, self.ends, self.parks = arguments, arguments.ends, arguments.parks
+        self._asked = dataclasses.replace(arguments, scenario=None)  # the bank keeps those that were given
+        self.ends, self.parks = arguments.ends, arguments.parks
         self._set = {
             "sight": float(arguments.sight),
             "sees_bodies": arguments.sees == "bodies",
