@@ -23,31 +23,37 @@ class _Command(NamedTuple):
 
 
 COMMANDS = {
-    "evaluate": _Command("wayfield.benchmarks.commands.evaluate", "evaluate", "compare policies: tables and figures"),
-    "train": _Command("wayfield.policies.training.command", "train", "train agents by PPO"),
-    "tune": _Command("wayfield.benchmarks.tuning.tune", "tune", "search gains on training scenarios"),
-    "record": _Command("wayfield.benchmarks.recordings.record", "record", "episodes as a Minari or MCAP data set"),
-    "identify": _Command("wayfield.bridges.identify.command", "evaluate", "a data sheet from a log of a robot"),
-    "nav2": _Command("wayfield.bridges.identify.nav2", "evaluate", "gains and a data sheet as Nav2's parameters"),
-    "submit": _Command(
-        "wayfield.benchmarks.commands.submit", "evaluate", "an entry of a contest as a folder", "submit"
+    "evaluate": _Command(
+        "wayfield.benchmarks.commands.evaluate", "evaluate", "compare policies: tables, figures, report"
     ),
-    "verify": _Command("wayfield.benchmarks.commands.submit", "evaluate", "drive a submission again", "verify"),
-    "play": _Command("wayfield.benchmarks.commands.play", "render", "drive by the keyboard, beside a policy's ghost"),
+    "train": _Command("wayfield.policies.training.command", "train", "train an agent"),
+    "tune": _Command("wayfield.benchmarks.tuning.tune", "tune", "tune a controller on training scenarios"),
+    "record": _Command(
+        "wayfield.benchmarks.recordings.record", "record", "record episodes as a Minari or MCAP data set"
+    ),
+    "identify": _Command("wayfield.bridges.identify.command", "evaluate", "make a data sheet from a log of a robot"),
+    "nav2": _Command("wayfield.bridges.identify.nav2", "evaluate", "write gains and a data sheet as Nav2 parameters"),
+    "submit": _Command(
+        "wayfield.benchmarks.commands.submit", "evaluate", "write a contest entry that others can verify", "submit"
+    ),
+    "verify": _Command("wayfield.benchmarks.commands.submit", "evaluate", "re-run a submission and compare", "verify"),
+    "play": _Command("wayfield.benchmarks.commands.play", "render", "drive by keyboard, against policies"),
     "demo": _Command("wayfield.benchmarks.commands.demo", "evaluate", "open the simulator in the browser"),
     "render": _Command("wayfield.benchmarks.figures.video", "render", "film a policy: .mp4, .gif or .png"),
-    "policies": _Command("wayfield.benchmarks.commands.lists", "evaluate", "list them, and what they know", "policies"),
-    "scenarios": _Command(
-        "wayfield.benchmarks.commands.lists", "evaluate", "list families, tiers, splits, banks", "scenarios"
+    "policies": _Command(
+        "wayfield.benchmarks.commands.lists", "evaluate", "list policies and their inputs", "policies"
     ),
-    "ros": _Command("wayfield.bridges.ros.command", "ros", "a simulated robot and a driver as ROS 2 nodes"),
+    "scenarios": _Command(
+        "wayfield.benchmarks.commands.lists", "evaluate", "list scenario families, tiers, splits", "scenarios"
+    ),
+    "ros": _Command("wayfield.bridges.ros.command", "ros", "run a simulated robot and a driver as ROS 2 nodes"),
     "compile": _Command(
         "wayfield.benchmarks.commands.compile",
         "",
-        "machine code before it is needed, for an image or a class",
+        "compile all kernels now, for an image or a class",
         "compile",
     ),
-    "robots": _Command("wayfield.benchmarks.commands.lists", "evaluate", "list them, and what they can", "robots"),
+    "robots": _Command("wayfield.benchmarks.commands.lists", "evaluate", "list robots and their limits", "robots"),
 }
 
 _HELP = "\n".join(

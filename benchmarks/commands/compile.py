@@ -41,11 +41,9 @@ def compile(args: Sequence[str], prog_name: str) -> None:
         "--level",
         action="append",
         metavar="|".join(levels()) or "LEVEL",
-        help="for every processor of a level of the instruction set, repeatable; without it the highest of this one",
+        help="for processors of this instruction set level or higher, repeatable; default: the level of this one",
     )
-    parser.add_argument(
-        "--into", type=Path, metavar="FOLDER", help="keep them there: what NUMBA_CACHE_DIR then names, on any machine"
-    )
+    parser.add_argument("--into", type=Path, metavar="FOLDER", help="write them there: then set NUMBA_CACHE_DIR to it")
     parser.add_argument("--only", metavar="NAME", help="one environment or policy; else all")
     words = parser.parse_args(args)
     started()

@@ -112,7 +112,7 @@ class _Policies(Names):
 @click.option(
     "--suite",
     type=Choice("--suite", SUITES),
-    help="What to run.  [default: overview; documents where there are other options but --out, --seed and --workers]",
+    help="What to run, see above.  [default: overview; documents with options other than --out, --seed, --workers]",
 )
 @click.option(
     "--policies",
@@ -134,40 +134,40 @@ class _Policies(Names):
     type=RobotChoice("--robot"),
     help="The robot of a contest, --path or --scenarios: one that ships, or a data sheet of your own.  [default: p3dx]",
 )
-@click.option("--gains", type=Choice("--gains", GAINS), help="The gains of a contest.  [default: all]")
+@click.option("--gains", type=Choice("--gains", GAINS), help="Sets of gains in a contest.  [default: all]")
 @click.option(
     "--agents",
     "homes",
     multiple=True,
     metavar="DIR",
-    help="Also the agents of a folder that train.py wrote, in contests; may be repeated.",
+    help="Add your trained agents to a contest: a folder written by train.py; may be repeated.",
 )
 @click.option(
     "--policy",
     "own",
     multiple=True,
     metavar="SOURCE",
-    help="Also a policy of your own, in contests: module:Class, with gains as key=value behind it in the same word, or "
-    "a model.zip of stable-baselines3, which can run code when it is loaded; may be repeated.",
+    help="Add your own policy to a contest: module:Class, with gains as key=value in the same word, or a model.zip of "
+    "stable-baselines3 (loading it can run code); may be repeated.",
 )
 @click.option("--families", type=Names("--families", FAMILIES), help="Only these families of scenarios, in contests.")
 @click.option(
     "--split",
     type=Choice("--split", ("test", "claims")),
-    help="The frozen scenarios of a contest: 10 a family (test), or 100 others, which tell differences of a point "
+    help="Test scenarios of a contest: 10 a family (test), or 100 others, which resolve one point of success "
     "(claims).  [default: test]",
 )
-@click.option("--cross", is_flag=True, help="Of teams: also every two policies in one world, half and half.")
+@click.option("--cross", is_flag=True, help="Teams: also all pairs of policies in one scene, half and half.")
 @click.option(
     "--people",
     type=Names("--people", (*PEOPLE_LAWS, "all")),
-    help="Of people: the laws by which all walk; each is met with eyes for the robot and without.  [default: own]",
+    help="People: how they walk; each model reacts to the robot in one contest, not in the other.  [default: own]",
 )
 @click.option(
     "--path",
     "path",
     metavar="FILE",
-    help="A scenario of your own (.json; a path also .csv, .tsv, .txt), instead of a suite.",
+    help="Your own scenario (.json; a path also .csv, .tsv, .txt), instead of a suite.",
 )
 @click.option(
     "--scenarios",
@@ -179,28 +179,28 @@ class _Policies(Names):
 @click.option(
     "--mode",
     type=Choice("--mode", MODES),
-    help="Of barn: the challenge's rules with its Jackal at 2 m/s, or the P3DX at its own speed.  [default: challenge]",
+    help="BARN: the challenge's rules with its Jackal at 2 m/s, or the P3DX at its own speed.  [default: challenge]",
 )
 @click.option(
     "--episodes",
     type=click.IntRange(min=1),
-    help="Episodes of each case, with the seeds S, S + 1, ...; in contests the first scenarios of each family.",
+    help="Episodes of each case, with seeds S, S + 1, ...; in contests: the first scenarios of each family.",
 )
 @click.option("--seed", type=SEED, default=0, show_default=True, metavar="S", help="The first seed.")
 @click.option(
     "--out",
     metavar="DIR",
-    help="Folder of the results.  [default: results/SUITE, and what differs from the defaults]",
+    help="Folder of the results.  [default: results/SUITE, with the options that are not default]",
 )
 @click.option("--quick", is_flag=True, help="A first look: three policies a task on four scenarios, in results/quick.")
 @click.option("--full", is_flag=True, help="Print every table, not only one small table a task.")
-@click.option("--video", is_flag=True, help="Film a few representative cases as well.")
+@click.option("--video", is_flag=True, help="Also film a few representative cases.")
 @click.option(
     "--keep-trajectories",
     "keep",
     type=Choice("--keep-trajectories", KEPT),
-    help="Of which episodes of a contest: the three worst of each entry, as poses, or all of them, with speeds and "
-    "errors too; documents keep all.  [default: worst]",
+    help="Trajectories to keep in a contest: poses of the three worst of each entry, or all, with speeds and errors; "
+    "suite documents keeps all.  [default: worst]",
 )
 @click.option(
     "--workers",
@@ -210,15 +210,22 @@ class _Policies(Names):
 )
 @on_cluster
 def main(**given: Any) -> None:
-    """Runs a suite and prints its tables: the experiments of the three documents beside what they published
-    (documents); controllers and trained agents against each other on the frozen test scenarios of a task (its name),
-    and under growing disturbances (disturbances), teams and one robot among people (teams, people, crowdnav), or in
-    public benchmarks whose files you have (barn, mrpb, movingai, racetracks); or the documents and a test scenario a
-    family (overview).
+    """Compares policies on the same scenarios, starts and disturbances: prints tables and writes report.html.
 
-    Every policy meets the same scenarios, starts and disturbances. The results folder receives the episodes
-    (episodes.csv), trajectories (trajectories.npz), tables (.md, .csv, .tex) and figures (.svg, .png). A contest that
-    is interrupted goes on where it was when the same command is given again.
+    \b
+    Suites:
+      overview                  the three reference papers, a small contest a task
+      path-following            follow a path
+      goal-obstacles            reach a goal among obstacles
+      docking                   stop at a pose
+      disturbances              these three, under growing disturbances
+      teams, people, crowdnav   several robots; one robot among people
+      documents                 the three reference papers
+      barn, mrpb, movingai,
+      racetracks                public benchmarks, from --data FOLDER
+
+    The results folder has episodes (episodes.csv), trajectories (trajectories.npz), tables (.md, .csv, .tex) and
+    figures (.svg, .png). Give the same command again to continue an interrupted run.
     """
     options = Options(**given, command=readable(command_given("python evaluate.py")))
     _need("matplotlib", "evaluate")

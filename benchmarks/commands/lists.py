@@ -67,11 +67,11 @@ def scenarios(names: tuple[str, ...]) -> None:
             _show(f"{spec.title}: {', '.join(spec.ids.values())}", ("family", "tiers", "what it is"), rows)
     sizes = ", ".join(f"{name} ({count})" for name, count in SPLITS.items())
     _say(
-        f"Splits, frozen, scenarios a family: {sizes}. scenario=NAME draws from the training split, NAME/test from the "
-        "test split, all/test from all families; all_1/test from those that version 1 of all had."
+        f"Frozen splits, scenarios a family: {sizes}. scenario=NAME draws from the training split, NAME/test from the "
+        "test split, all/test from all families; all_1/test from version 1 of that list."
     )
-    _say(f"Courses of the documents and older banks, of paths: {', '.join(PATH_SCENARIOS)}.")
-    _say(f"Of goals: {', '.join(GOAL_SCENARIOS)}. A file of your own: its path.")
+    _say(f"Courses of the reference papers and other lists, paths: {', '.join(PATH_SCENARIOS)}.")
+    _say(f"Goals: {', '.join(GOAL_SCENARIOS)}. Your own file: its path.")
 
 
 @click.command("robots", cls=OneLineErrors)
@@ -85,8 +85,8 @@ def robots(names: tuple[str, ...]) -> None:
         rows.append([name, _drive(robot), f"{hull_words(robot)}\n{robot.mass:g} kg", _limits(robot), ids])
     _show("Robots", ("name", "drive", "hull, mass", "at most", "wayfield/"), rows)
     _say(
-        "Hull: the radius of the disc that must touch nothing, or the sides of a rectangle. At most: each alone, in "
-        "the tiers lagged and slow; the last is that of the wheels."
+        "Hull: radius of a disc, or sides of a rectangle. At most: each axis alone, in the tiers lagged and slow; the "
+        "last line is the wheel speed."
     )
 
 

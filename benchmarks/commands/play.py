@@ -187,11 +187,11 @@ class _Play(OneLineErrors):
     "ghosts",
     metavar="POLICY",
     multiple=True,
-    help="A policy that drives beside you: a name, or as `wayfield render`'s; may be repeated.",
+    help="A policy that drives from the same start: a name, or as in `wayfield render`; may be repeated.",
 )
-@click.option("--speed", type=Finite(0.0, min_open=True), default=0.6, show_default=True, help="m/s, asked.")
-@click.option("--yaw-rate", type=Finite(0.0, min_open=True), default=1.5, show_default=True, help="rad/s.")
-@click.option("--size", type=click.IntRange(300, 4000), default=800, show_default=True, help="Pixels of the window.")
+@click.option("--speed", type=Finite(0.0, min_open=True), default=0.6, show_default=True, help="Target speed, m/s.")
+@click.option("--yaw-rate", type=Finite(0.0, min_open=True), default=1.5, show_default=True, help="Yaw rate, rad/s.")
+@click.option("--size", type=click.IntRange(300, 4000), default=800, show_default=True, help="Size of the window, px.")
 def main(place: Place, ghosts: tuple[str, ...], speed: float, yaw_rate: float, size: int) -> None:
     """Drives a robot by the keyboard in a window.
 

@@ -25,8 +25,7 @@ _POLICY = click.option(
     "--policy",
     "own",
     metavar="SOURCE",
-    help="The policy of an entry of your own, as in evaluate: module:Class with gains, or a model.zip, which can run "
-    "code when it is loaded.",
+    help="Your own policy, as in evaluate: module:Class with gains, or a model.zip (loading it can run code).",
 )
 _FOLDER = click.Path(path_type=Path)
 
@@ -56,16 +55,16 @@ def submit(run: Path, entry: str, out: str, own: str | None) -> None:
 
 @click.command("verify", cls=OneLineErrors)
 @click.argument("folder", type=_FOLDER)
-@click.option("--all", "every", is_flag=True, help="Drive every episode again.  [default: a sample]")
+@click.option("--all", "every", is_flag=True, help="Re-run every episode.  [default: a sample]")
 @click.option(
     "--sample", "most", type=click.IntRange(min=1), default=60, show_default=True, help="Episodes of the sample."
 )
 @click.option(
-    "--seed", type=click.IntRange(min=0), help="Draws the sample.  [default: of the entry's digest and the clock]"
+    "--seed", type=click.IntRange(min=0), help="Seed of the sample.  [default: of the entry's digest and the clock]"
 )
 @click.option(
     "--seconds", type=click.FloatRange(min=0.0, min_open=True), default=SECONDS, show_default=True,
-    help="That a decision of a policy of your own may take; a load and a first decision may take two minutes.",
+    help="Most time for a decision of your own policy; loading it and the first decision may take two minutes.",
 )  # fmt: skip
 @_POLICY
 def verify(folder: Path, every: bool, most: int, seed: int | None, seconds: float, own: str | None) -> None:
