@@ -210,7 +210,8 @@ def main() -> int:
                     print("FAIL:", wrong)
         except Exception as error:
             failed += 1
-            print("FAIL:", f"{given.file}: {error}" if isinstance(error, Wrong) else f"{given.file}: {error!r}")
+            kind = "" if isinstance(error, Wrong) else f"{type(error).__name__}: "
+            print(f"FAIL: {given.file}: {kind}{error}")
     print("all checks pass" if not failed else f"{failed} failed")
     return 1 if failed else 0
 
