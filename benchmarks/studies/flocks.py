@@ -569,13 +569,13 @@ def advice(teams: Sequence[Row], people: Sequence[Row]) -> str:
             first, *others = sorted(able, key=rank) or [""]
             if not first:
                 continue
-            lead = "alone there"
+            lead = "no rival"
             if others:
                 found = less(here, first, others[0], metric)
                 lead = f"`{others[0]}`: {found.outcome(page_ps)}, {found.shown} points"
             reached = f"{-100.0 * rank(first)[0]:.1f} %, {rank(first)[1]:.1f} s"
             lines.append([place, access, f"`{first}`", reached, str(len(worlds)), lead])
-    return table(lines, ["to", "with access to", "take", "solved, extra time", "worlds", "beside the next"])
+    return table(lines, ["task", "inputs", "take", "solved, extra time", "scenes", "vs. the next"])
 
 
 def of_page(teams: Sequence[Row], people: Sequence[Row]) -> list[float]:

@@ -53,8 +53,8 @@ Row = Mapping[str, str]
 Task = tuple[str, str, str, tuple[str, ...]]
 TASKS: tuple[Task, ...] = (
     ("Follow a path", "path-following", "path_following_p3dx", ("smooth paths", "paths with corners")),
-    ("Reach a goal among what stands still", "goal-obstacles-claims", "claims/goal_obstacles_p3dx", ("still",)),
-    ("Reach a goal while others move", "goal-obstacles-claims", "claims/goal_obstacles_p3dx", ("moving",)),
+    ("Reach a goal among static obstacles", "goal-obstacles-claims", "claims/goal_obstacles_p3dx", ("still",)),
+    ("Reach a goal among moving obstacles", "goal-obstacles-claims", "claims/goal_obstacles_p3dx", ("moving",)),
     (
         *("Dock at a pose", "docking-claims", "claims/docking_p3dx"),
         ("nothing around", "at a wall or in a berth", "moving"),
@@ -445,7 +445,7 @@ def _there(board: Sequence[Mapping[str, str]], kinds: Sequence[str]) -> tuple[st
     return tuple(kind for kind in kinds if kind in told) or ("",)
 
 
-_TIME, _AREA, _BOTH = "acquisition (s)", "area (mm s)", "until held (s, mm s)"  # in one column
+_TIME, _AREA, _BOTH = "acquisition (s)", "area (mm s)", "settling (s, mm s)"  # in one column
 
 
 def _narrow(row: Mapping[str, str], names: Sequence[str]) -> dict[str, str]:
@@ -480,7 +480,7 @@ def _front_table(board: Sequence[Mapping[str, str]], lines: Sequence[Mapping[str
         line = {"scenes": row["scenes"]} if several else {}
         line |= {"policy": _named(_entry(row)), **_narrow(row, columns)}
         if agent:
-            line[f"beside `{agent[0]}`"] = _beside(lines, row, agent)
+            line[f"vs. `{agent[0]}`"] = _beside(lines, row, agent)
         lines_shown.append(line)
     return _table(list(lines_shown[0]), [list(line.values()) for line in lines_shown])
 
@@ -546,13 +546,13 @@ _WAYS = {
     "Follow a path, ": "{} tracks paths most closely",
     "Follow a path, smooth paths": "{} tracks smooth paths most closely",
     "Follow a path, paths with corners": "{} paths with corners",
-    "Reach a goal among what stands still, still": "without a map {} reaches most goals among what stands still",
-    "Reach a goal while others move, moving": "{} where others move",
+    "Reach a goal among static obstacles, still": "without a map {} reaches most goals among static obstacles",
+    "Reach a goal among moving obstacles, moving": "{} among moving obstacles",
 }
 _DOCKS = {
     "Dock at a pose, nothing around": "Without a map {} docks best with nothing around",
     "Dock at a pose, at a wall or in a berth": "{} at a wall or in a berth",
-    "Dock at a pose, moving": "{} where others move",
+    "Dock at a pose, moving": "{} among moving obstacles",
 }
 
 
@@ -577,7 +577,7 @@ def advised(kept: Kept) -> list[tuple[str, str, str, Mapping[str, str], str]]:
                 ]
                 sets = _best_sets(able)
                 if len(sets) < 2:
-                    lead = "alone there"
+                    lead = "no rival"
                 else:
                     verdict = verdict_of(lines, kind, _entry(sets[0]), _entry(sets[1]))
                     lead = f"{_named(_entry(sets[1]))}: " + (_lead(verdict) if verdict else "not compared")
@@ -648,7 +648,7 @@ def _advice(kept: Kept) -> list[str]:
         lines.append([f"{task}, {kind}" if several else task, access, _named(_entry(row)), reached, lead])
     if not lines:
         return []
-    return [_table(["to", "with access to", "take", "which comes to", "beside the next"], lines), *_off_speed()]
+    return [_table(["task", "inputs", "take", "result", "vs. the next"], lines), *_off_speed()]
 
 
 def _off_speed() -> Iterator[str]:
