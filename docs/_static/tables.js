@@ -8,10 +8,12 @@ for (const table of document.querySelectorAll(".content table.docutils")) {
   const text = (row, k) => (row.cells[k] ? row.cells[k].textContent.trim() : "");
   const number = (told) => { const found = /^[<>+±]?\s*([-−+]?\d[\d,]*\.?\d*(?:e[-+]?\d+)?)/i.exec(told); return found ? Number(found[1].replaceAll(",", "").replace("−", "-")) : null; };
   const first = [...body.rows];
+  const figures = first.flatMap((row) => [...row.cells].slice(1)).filter((cell) => number(cell.textContent.trim()) !== null);
+  for (const cell of figures) if (cell.textContent.trim().length < 25) cell.classList.add("whole");
   [...head.cells].forEach((cell, k) => {
     const told = first.map((row) => text(row, k)).filter(Boolean);
     if (told.length && told.every((each) => /^[<>+±−-]?\s*\d[\d.,]*(e[-+]?\d+)?\s*(%|\[[^\]]*\]|\([^)]*\))?$/i.test(each))) for (const row of [head, ...first]) if (row.cells[k]) row.cells[k].classList.add("number");
-    if (!cell.textContent.trim()) return;
+    if (!figures.length || !cell.textContent.trim()) return;
     const button = document.createElement("button");
     button.type = "button";
     button.className = "sort";
