@@ -66,12 +66,16 @@ _NAV2 = "a map of all its scans and the scan planner's plan, slows before what i
 # in the order of the tables
 ABOUT: dict[str, Listed] = {
     "lookahead_documented": Listed(
-        Lookahead, "look-ahead P controller as printed: whole-path search", "document A", (PATHS,), searched=()
+        Lookahead,
+        "look-ahead P controller as printed: whole-path search",
+        "P3DX look-ahead report",
+        (PATHS,),
+        searched=(),
     ),
     "lookahead_retuned": Listed(
         partial(Lookahead, k_ang=2.4, search="window"),
         "the same with pure pursuit's equivalent gain, and a search that does not jump at crossings",
-        "document A",
+        "P3DX look-ahead report",
         (PATHS,),
     ),
     "pure_pursuit": Listed(PurePursuit, "the arc to a point of the path ahead", "Coulter 1992", (PATHS,)),
@@ -138,11 +142,11 @@ ABOUT: dict[str, Listed] = {
         protected="its plan, made anew where something is on it; waits for what moves; stands where none is free",
     ),
     "waypoint": Listed(
-        Waypoint, "exponential decay of the pose error, waypoint after waypoint", "document B", (DOCKS,)
+        Waypoint, "exponential decay of the pose error, waypoint after waypoint", "three-wheel omni paper", (DOCKS,)
     ),
-    "apf_documented": Listed(PotentialField, "potential field of points as printed", "document C", (GOALS,)),
+    "apf_documented": Listed(PotentialField, "potential field of points as printed", "four-wheel APF paper", (GOALS,)),
     "apf_escape": Listed(
-        partial(PotentialField, escape=True), "the same with the avoiding force at local minima", "document C"
+        partial(PotentialField, escape=True), "the same with the avoiding force at local minima", "four-wheel APF paper"
     ),
     "apf_corrected": Listed(
         CorrectedField, "potential field of surfaces, capped attraction", "Khatib 1986; Ge and Cui 2000", (GOALS, DOCKS)
