@@ -28,7 +28,7 @@ FIGURE, FILM = "docs/who_wins.png", "docs/drive.webp"
 FILMED = "moving_crowd/test"  # the first of its scenes
 FRAME_PX, FRAME_SKIP, PACE_SHOWN = 480, 4, 2.0  # of each side; steps a frame; times the robots' own pace
 CONTROLLER, AGENT = "#0072B2", "#E69F00"  # of Okabe and Ito, apart for colour-blind readers
-AGENTS = {"ppo": "PPO"}
+AGENT_OF = "ppo"  # that stands beside the controllers of a single robot
 WON, LOST, OPEN, TIED = "won", "lost", "open", "tied"
 
 
@@ -36,15 +36,10 @@ WON, LOST, OPEN, TIED = "won", "lost", "open", "tied"
 class Bar:
     """What an entry comes to, with its 95 % interval."""
 
-    policy: str
+    name: str  # as a sentence has it
     value: float
     low: float
     high: float
-
-    @property
-    def named(self) -> str:
-        """Returns how a sentence calls the entry."""
-        return AGENTS.get(self.policy) or f"`{self.policy}`"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,19 +67,19 @@ class Panel:
 
 
 # The kinds of scenes of a task: as the leaderboards call them, and as README does.
-_TASKS: tuple[tuple[str, str, str, str, str, str, Mapping[str, str]], ...] = (
+_TASKS: tuple[tuple[str, str, str, str, str, str, str, Mapping[str, str]], ...] = (
     (
-        "Path following", "RMS cross-track error (mm), lower is better", "mm", "paths",
+        "Path following", "PPO", "RMS cross-track error (mm), lower is better", "mm", "paths",
         "path_following_p3dx", "{} tracks {where} more closely than {}",
         {"smooth paths": "smooth paths", "paths with corners": "paths with corners"},
     ),
     (
-        "Goal reaching without a map", "success (%)", "%", "scenes",
+        "Goal reaching without a map", "PPO", "success (%)", "%", "scenes",
         "claims/goal_obstacles_p3dx", "{} reaches more goals than {} {where}",
         {"still": "among static obstacles", "moving": "among moving obstacles"},
     ),
     (
-        "Docking without a map", "success (%)", "%", "docks",
+        "Docking without a map", "PPO with a fallback", "success (%)", "%", "docks",
         "claims/docking_p3dx", "{} docks more often than {} {where}",
         {"nothing around": "in free space", "at a wall or in a berth": "at a wall or in a bay",
          "moving": "beside moving obstacles"},
@@ -98,9 +93,9 @@ _SECTIONS = ("path-following", "goal-obstacles-claims", "docking-claims")  # who
 
 def panels(kept: Kept) -> Iterator[Panel]:
     """Yields the tasks that there are kept rows of."""
-    for title, axis, unit, scenes, stem, win, kinds in _TASKS:
+    for title, name, axis, unit, scenes, stem, win, kinds in _TASKS:
         board, lines = kept.rows(f"{stem}_board"), kept.rows(f"{stem}_pairs")
-        found = [_match(board, lines, kind, where, unit) for kind, where in kinds.items()]
+        found = [_match(board, lines, kind, where, unit, name) for kind, where in kinds.items()]
         if matches := tuple(each for each in found if each is not None):
             yield Panel(title, axis, unit, scenes, win, matches)
     if matches := tuple(_crowds(kept)):
@@ -108,10 +103,10 @@ def panels(kept: Kept) -> Iterator[Panel]:
         yield Panel("Teams and crowds", "scenes solved (%)", "%", "scenes", win, matches)
 
 
-def _match(board: Sequence[Row], lines: Sequence[Row], kind: str, where: str, unit: str) -> Match | None:
+def _match(board: Sequence[Row], lines: Sequence[Row], kind: str, where: str, unit: str, name: str) -> Match | None:
     """Returns the best controller without a map beside the agent, in a kind of scenes."""
     mine = [row for row in board if row["scenes"] == kind]
-    agent = next((row for row in mine if row["policy"] in AGENTS), None)
+    agent = next((row for row in mine if row["policy"] == AGENT_OF), None)
     able = [row for row in mine if row["has access to"] != ONLY_MAP and row["gains"] != "trained"]
     controller = next((row for row in able if _entry(row) in _at_pace(board, lines)), next(iter(able), None))
     if agent is None or controller is None:
@@ -123,7 +118,8 @@ def _match(board: Sequence[Row], lines: Sequence[Row], kind: str, where: str, un
     column = "success (%)" if unit == "%" else next(name for name in agent if name.endswith(f"error ({unit})"))
     speeds = float(controller["speed (m/s)"]), float(agent["speed (m/s)"])
     apart = unit != "%" and abs(speeds[0] - speeds[1]) > PACE_TOLERANCE * speeds[1]
-    bars = [Bar(row["policy"], *_numbers(row[column])) for row in (controller, agent)]
+    names = f"`{controller['policy']}`", name
+    bars = [Bar(each, *_numbers(row[column])) for each, row in zip(names, (controller, agent), strict=True)]
     return Match(
         where, bars[0], bars[1], int(line["scenarios"]), _outcome(verdict.words, unit), speeds if apart else None
     )
@@ -191,7 +187,7 @@ def _bar(rows: Sequence[Row], name: str, metric: str) -> Bar:
     table = 100.0 * np.array(list(worlds.values()))
     ends = interval(table, ["/".join(key[:2]) for key in worlds], mean)
     value = float(table.mean())
-    return Bar(name.removesuffix(flocks.TUNED), value, *(ends or (value, value)))
+    return Bar(f"`{name.removesuffix(flocks.TUNED)}`", value, *(ends or (value, value)))
 
 
 def sentences(found: Sequence[Panel]) -> list[str]:
@@ -208,12 +204,12 @@ def _clause(panel: Panel, match: Match) -> str:
     if match.speeds:
         numbers += f", at {match.speeds[0]:.2f} vs. {match.speeds[1]:.2f} m/s"
     if match.outcome in (WON, LOST):
-        return panel.win.format(a.named, b.named, where=match.where) + f" ({numbers})"
+        return panel.win.format(a.name, b.name, where=match.where) + f" ({numbers})"
     what = "are equivalent" if match.outcome == TIED else "do not differ significantly"
     place = (
         match.where if match.where.partition(" ")[0] in ("among", "in", "at", "beside", "on") else f"on {match.where}"
     )
-    return f"{a.named} and {b.named} {what} {place} ({numbers})"
+    return f"{a.name} and {b.name} {what} {place} ({numbers})"
 
 
 def readme(kept: Kept) -> dict[str, bytes]:
@@ -252,7 +248,7 @@ def _draw(axes: Any, panel: Panel) -> None:
         for bar, colour, y in ((match.controller, CONTROLLER, k - 0.18), (match.agent, AGENT, k + 0.18)):
             reach = [[max(bar.value - bar.low, 0.0)], [max(bar.high - bar.value, 0.0)]]
             axes.barh(y, bar.value, 0.34, color=colour, xerr=reach, error_kw={"capsize": 3, "lw": 1.5})
-            name, value = AGENTS.get(bar.policy, bar.policy), f"{bar.value:.{digits}f}"
+            name, value = bar.name.strip("`"), f"{bar.value:.{digits}f}"
             inside = bar.value > 0.6 * ends
             if inside:
                 dark = colour == CONTROLLER
