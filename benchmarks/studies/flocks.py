@@ -4,8 +4,10 @@ All drive the same worlds, from the same starts, with the same scan and actuator
 robot arrives and nobody touches anything. Differences are paired by world, and the mean over the seeds of training; the
 interval, of 95 %, is over worlds, stratified by family, and over seeds. Extra time is compared in worlds that both
 solve. An outcome is better or worse, corrected for all comparisons of the page; equivalent, where the interval lies
-within MARGIN; or open. Rows are kept as CSV, and the page is made of them; what is there already is not driven again,
-so that the parts may be driven one by one. Rows of agents or laws that have changed since are to be taken away first:
+within MARGIN; ahead or behind, not after correction, where the interval alone says so; or open. What to take is decided
+by `taken` alone, on the page and in docs/choosing.md. Rows are kept as CSV, and the page is made of them; what is there
+already is not driven again, so that the parts may be driven one by one. Rows of agents or laws that have changed since
+are to be taken away first:
 
     python benchmarks/studies/flocks.py --drive teams --policies orca_team,team_guided
     python benchmarks/studies/flocks.py --drive people
@@ -57,6 +59,7 @@ SEEN: dict[str, Any] = {"actuators": "lagged", "num_beams": 72, "max_range": 5.0
 LARGE = 16  # robots, over which fewer worlds are driven
 TESTED = 32  # robots, up to which teams are meant to be driven by what learned in teams of 8
 UP_TO = f"up to {TESTED} robots"
+AHEAD, BEHIND = "ahead", "behind"  # outcomes by the interval alone
 LEAST_SEEDS = 3  # of training, under which nothing is claimed
 
 TUNED = " tuned"  # behind the name of a law, of the gains that `tune` found for teams
@@ -66,7 +69,7 @@ SHORT = {_ORCAS[1]: "tuned", "team_guided": "guided", "team_scan": "scan"}  # so
 RIVALS = {
     "team_scan": (*_ORCAS, "ppo", "vfh_plus", "dwa"),
     "team_guided": (*_ORCAS, "ppo"),
-    "ppo": ("orca_team",),
+    "ppo": (*_ORCAS, "vfh_plus", "dwa"),
 }
 AMONG_PEOPLE = {"people_free": (*_ORCAS, "social_force", f"social_force{TUNED}")}
 AGENTS = {
@@ -78,6 +81,7 @@ AGENTS = {
 PPO_SEEDS = 3  # of the agents for one robot
 # those of one kind of field together, in the order of the page
 KINDS = {"open": False, "walls": True}  # whether families are walled
+TURNED = "circle_exact"  # a size is one circle, turned: one world; the sizes are one stratum
 CROSSED = ("orca_team", "social_force", "vfh_plus", "team_guided", "team_scan")
 CROSS_FAMILIES = ("circle_8", "open_8", "doorway_4", "corridor_8", "intersection_8")
 # at 1 m/s CrowdNav's 500 tests and, for as long as AttnGraph gives its robot, its crowd; then our families
@@ -348,10 +352,13 @@ class Less(NamedTuple):
         return f"{scale * self.value:+.{digits}f}{ends}"
 
     def outcome(self, page: Sequence[float]) -> str:
-        """Returns what it says of successes, corrected by Holm's method for a page's comparisons, given by their p."""
+        """Returns what it says of successes, corrected by Holm's method for a page's comparisons, given by their p.
+
+        Who fails more often by the interval alone is no tie: "behind, not after correction".
+        """
         found = outcome(self.low, self.high, holm([*page, self.p])[-1], MARGIN)
         if found == OPEN and (self.low > 0.0 or self.high < 0.0):
-            return f"{OPEN}, {'ahead' if self.low > 0.0 else 'behind'} uncorrected"
+            return f"{AHEAD if self.low > 0.0 else BEHIND}, not after correction"
         return found
 
 
@@ -394,6 +401,12 @@ def share(rows: Sequence[Row], name: str, metric: str, digits: int = 1, factor: 
     return shown if least == most else f"{shown} ({least} to {most})"
 
 
+def collisions(rows: Iterable[Row], name: str) -> str:
+    """Returns in how many worlds somebody touched something, in per cent, as `share`."""
+    struck = [{**row, "collision": str(int(float(row.get("collision") or row["touched"]) > 0.0))} for row in rows]
+    return share(struck, name, "collision")
+
+
 def table(lines: Sequence[Sequence[str]], header: Sequence[str]) -> str:
     """Returns a table of text."""
     return str(tabulate(lines, list(header), tablefmt="github", disable_numparse=True))
@@ -409,8 +422,39 @@ def complete(rows: Sequence[Row], names: Sequence[str]) -> list[Row]:
     return [row for row in mine if driven_in[_world(row)] == everybody]
 
 
+def independent(rows: Iterable[Row]) -> list[Row]:
+    """Returns the rows of one world of each family whose worlds are one scene turned, and those of all others."""
+    return [row for row in rows if not row["family"].startswith(TURNED) or row["world"] == "0"]
+
+
 def _world(row: Row) -> tuple[str, ...]:
+    """Returns the contest, the stratum and the world in it."""
+    if row["family"].startswith(TURNED):
+        return row.get("contest", ""), TURNED, f"{row['family']} {row['world']}"
     return row.get("contest", ""), row["family"], row["world"]
+
+
+def seeds_of(rows: Iterable[Row], agent: str) -> int:
+    """Returns how many seeds of an agent have rows."""
+    return len({row["policy"] for row in rows if row["policy"].startswith(f"{agent} seed")})
+
+
+def taken(first: str, other: str, found: Less, page: Sequence[float], seeds: int) -> str:
+    """Returns which of two to take, by what the first solves more than the other.
+
+    Where they are equivalent or that is open, or an agent has too few seeds for a claim, a controller goes before an
+    agent, of two of a kind the one that sees less, and of two that see the same the one that solved more.
+    """
+    told = found.outcome(page).partition(", ")[0]
+    if seeds >= LEAST_SEEDS and told in (BETTER, AHEAD, WORSE, BEHIND):
+        return first if told in (BETTER, AHEAD) else other
+
+    def cost(name: str) -> tuple[bool, bool]:
+        return name in AGENTS, name not in LEAST_ACCESS
+
+    if cost(first) != cost(other):
+        return min(first, other, key=cost)
+    return other if found.value < 0.0 else first
 
 
 class Compared(NamedTuple):
@@ -425,29 +469,29 @@ class Compared(NamedTuple):
     def sentence(self, page: Sequence[float]) -> str:
         """Returns what it says, corrected as `Less.outcome`."""
         agent, law, shown = self.agent, self.law, f"{self.what}: {self.found.shown} points"
+        take = taken(agent, law, self.found, page, self.seeds)
         if self.seeds < LEAST_SEEDS:
             told = f"{self.seeds} of the {LEAST_SEEDS} seeds that a claim needs"
-            return f"{agent} beside {law}, {shown}, with {told}: take {law}."
+            return f"{agent} beside {law}, {shown}, with {told}: take {take}."
         told, _, how = self.found.outcome(page).partition(", ")
-        if told == BETTER:
-            return f"{agent} solves more than {law}, {shown}."
-        if told == WORSE:
-            return f"{agent} solves less than {law}, {shown}: take {law}."
-        if told == EQUIVALENT:
-            return f"{agent} and {law} are equivalent within {100.0 * MARGIN:g} point, {shown}."
-        # where nobody is shown to be ahead, a law that sees more goes before an agent
-        return f"{agent} beside {law} is open, {shown}{f' ({how})' if how else ''}" + (
-            "." if law in LEAST_ACCESS else f": take {law}."
-        )
+        words = {
+            BETTER: f"{agent} solves more than {law}",
+            WORSE: f"{agent} solves less than {law}",
+            EQUIVALENT: f"{agent} and {law} are equivalent within {100.0 * MARGIN:g} point",
+            AHEAD: f"{agent} is ahead of {law}, {how}",
+            BEHIND: f"{agent} is behind {law}, {how}",
+        }.get(told, f"{agent} beside {law} is open")
+        return f"{words}, {shown}: take {take}."
 
 
 def team_tables(rows: Sequence[Row]) -> tuple[list[Compared], str]:
     """Returns what agents of teams are shown to do beside their rivals, in comparisons and in tables."""
+    rows = independent(rows)
     told: list[Compared] = []
     blocks: list[str] = []
     beside: dict[str, list[list[str]]] = {}  # by agent and rival
     for agent, rivals in RIVALS.items():
-        seeds = len({row["policy"] for row in rows if row["policy"].startswith(f"{agent} seed")})
+        seeds = seeds_of(rows, agent)
         for law in rivals if seeds else ():
             both = complete(rows, (agent, law))
             families = list(dict.fromkeys(row["family"] for row in both))
@@ -519,7 +563,7 @@ def people_tables(rows: Sequence[Row]) -> tuple[list[Compared], str]:
         if label == "attngraph":
             blocks.append(ATTNGRAPH)
         lines = []
-        seeds = len({row["policy"] for row in here if row["policy"].startswith("people_free seed")})
+        seeds = seeds_of(here, "people_free")
         for law in (each for each in names if each != "people_free" and seeds):
             found = less(here, "people_free", law, "success")
             measures = [
@@ -557,25 +601,30 @@ def standing(rows: Sequence[Row], metric: str, name: str) -> tuple[float, float]
 
 
 def advice(teams: Sequence[Row], people: Sequence[Row]) -> str:
-    """Returns what to take where, by access, as a table: who solves most of the worlds that all drove."""
-    lines, page_ps = [], of_page(teams, people)
+    """Returns what to take where, by access, as a table: who is `taken` beside each other, in the worlds of both."""
+    lines, page_ps, teams = [], of_page(teams, people), independent(teams)
     for place, (metric, there) in PLACES.items():
-        here = [row for row in (teams if metric == "solved" else people) if there(row)]
-        names = list(dict.fromkeys(row["policy"].partition(" seed ")[0] for row in here))
-        here = complete(here, names)
-        worlds = {_world(row) for row in here}
-        rank = functools.partial(standing, here, metric)
+        rows = [row for row in (teams if metric == "solved" else people) if there(row)]
+        names = list(dict.fromkeys(row["policy"].partition(" seed ")[0] for row in rows))
+        names.sort(key=functools.partial(standing, complete(rows, names), metric))
+
+        def beats(first: str, other: str, rows: list[Row] = rows, metric: str = metric) -> bool:
+            both = complete(rows, (first, other))
+            seeds = min((seeds_of(both, each) for each in (first, other) if each in AGENTS), default=LEAST_SEEDS)
+            return taken(first, other, less(both, first, other, metric), page_ps, seeds) == first
+
         for access, able in (("sensors", [name for name in names if name in LEAST_ACCESS]), ("bodies", names)):
-            first, *others = sorted(able, key=rank) or [""]
-            if not first:
+            if len(able) < 2:
                 continue
-            lead = "no rival"
-            if others:
-                found = less(here, first, others[0], metric)
-                lead = f"`{others[0]}`: {found.outcome(page_ps)}, {found.shown} points"
-            reached = f"{-100.0 * rank(first)[0]:.1f} %, {rank(first)[1]:.1f} s"
-            lines.append([place, access, f"`{first}`", reached, str(len(worlds)), lead])
-    return table(lines, ["task", "inputs", "take", "solved, extra time", "scenes", "vs. the next"])
+            best = next((name for name in able if all(beats(name, each) for each in able if each != name)), able[0])
+            following = next(name for name in able if name != best)
+            both = complete(rows, (best, following))
+            found, (won, later) = less(both, best, following, metric), standing(both, metric, best)
+            lead = f"`{following}`: {found.outcome(page_ps)}, {found.shown} points"
+            reached = f"{-100.0 * won:.1f} %, {later:.1f} s"
+            lines.append([place, access, f"`{best}`", reached, collisions(both, best), str(found.worlds), lead])
+    header = ["task", "inputs", "take", "solved, extra time", "with a collision (%)", "scenes", "vs. the next"]
+    return table(lines, header)
 
 
 def of_page(teams: Sequence[Row], people: Sequence[Row]) -> list[float]:
@@ -596,19 +645,20 @@ Part = tuple[str, str, Sequence[str], str, Sequence[Row]]  # where, agent, laws 
 
 def front_parts(teams: Sequence[Row], people: Sequence[Row]) -> list[Part]:
     """Returns what README compares: agents beside laws of equal access."""
-    small = [row for row in teams if TEAM_FAMILIES[row["family"]].team <= TESTED]
+    small = [row for row in independent(teams) if TEAM_FAMILIES[row["family"]].team <= TESTED]
     by_scan = tuple(law for law in RIVALS["team_scan"] if law not in AGENTS and law in LEAST_ACCESS)
     among = AMONG_PEOPLE["people_free"]
     return [
         ("in the open, lidar only", "team_scan", by_scan, "solved", of_kind(small, "open")),
         ("at doors and in rooms, lidar only", "team_scan", by_scan, "solved", of_kind(small, "walls")),
         ("on CrowdNav's test cases", "people_free", among, "success", of_contest(people, "crowdnav")),
+        ("in AttnGraph's crowd", "people_free", among, "success", of_contest(people, "attngraph")),
     ]
 
 
 def front(teams: Sequence[Row], people: Sequence[Row]) -> str:
     """Returns the page's first table, losses included, and a film with what it shows."""
-    small = [row for row in teams if TEAM_FAMILIES[row["family"]].team <= TESTED]
+    small = [row for row in independent(teams) if TEAM_FAMILIES[row["family"]].team <= TESTED]
     laws = tuple(law for law in RIVALS["team_scan"] if law not in AGENTS)
     by_scan = tuple(law for law in laws if law in LEAST_ACCESS)
     told = tuple(law for law in laws if law not in LEAST_ACCESS)
@@ -628,17 +678,20 @@ def front(teams: Sequence[Row], people: Sequence[Row]) -> str:
     for where, name, metric, those, rows in parts:
         law, here = rival(rows, name, those, metric)
         found = less(here, name, law, metric)
-        solved = [share(here, each, metric) for each in (name, law)]
+        mine, theirs = ([f"`{each}`", share(here, each, metric), collisions(here, each)] for each in (name, law))
         later = less(here, name, law, "extra_time", metric).shown
-        lines.append([where, f"`{name}`", solved[0], f"`{law}`", solved[1], found.shown, found.outcome(page_ps), later])
+        lines.append([where, *mine, *theirs, str(found.worlds), found.shown, found.outcome(page_ps), later])
+    of_each = ["it solves (%)", "with a collision (%)"]
     header = [
-        "where", "agent", "it solves (%)", "best law", "it solves (%)", "difference (points)", "outcome",
+        "where", "agent", *of_each, "best law", *of_each, "worlds", "difference (points)", "outcome",
         "later, where both do (s)",
     ]  # fmt: skip
     filmed = [row for row in teams if row["family"] == FILMED.partition("/")[0]]
     out = {name: share(filmed, name, "arrived", 0) for name in ("team_guided", "orca_team", "vfh_plus")}
     return f"""In short; the best controller is the one that solves most there. Better and worse are corrected for the
-{len(page_ps)} comparisons of this page; equivalent is an interval within {100.0 * MARGIN:g} point.
+{len(page_ps)} comparisons of this page; equivalent is an interval within {100.0 * MARGIN:g} point. `people_free`
+here, and `team_guided` below, are trained agents on top of `orca_team`; `team_scan` and `ppo` drive by themselves. With
+a collision are worlds in which somebody touched something.
 
 {table(lines, header)}
 
@@ -716,12 +769,17 @@ Made by `python benchmarks/studies/flocks.py`. Robots are omni3 with lagged actu
 0.6 m/s, in CrowdNav's cases and AttnGraph's crowd for 1 m/s; who arrives leaves. Laws have their default gains, with
 which `orca_team` does not give way at doors, but for those called tuned. {tuning}
 Worlds are the first of each family in the split `claims`: {counts}.
+Those of a `circle_exact_*` are one circle, turned: one world is counted of each, and the sizes are one family to the
+intervals.
 A world is the unit: solved if all arrive and nobody touches anything. Differences are paired by world, of all seeds of
 training together; brackets are 95 % intervals over worlds, by family, and over seeds, so that three seeds count as
-three. Better and worse are corrected for all comparisons of this page; two are equivalent whose interval lies within
-one point; all else is open, and "uncorrected" says that the interval alone would decide it. In parentheses: the least
-and the greatest seed. Extra time, and
-what people are put through, are compared in worlds that both solve. `ppo` is the agent for one robot among obstacles,
+three. Better and worse are corrected for all comparisons of this page; "ahead" and "behind, not after correction" are
+what the interval alone would decide; two are equivalent whose interval lies within one point; all else is open. Taken
+is who is better or ahead; where that is neither, a controller before an agent, of two of a kind the one that sees less,
+and of two that see the same the one that solved more. In parentheses: the least and the greatest seed. Extra time, and
+what people are put through, are compared in worlds that both solve. `team_guided` and `people_free` do not drive by
+themselves: each adds to what `orca_team` asks for, with its default gains, and what `team_guided` drives by that is
+still kept clear by the half-planes of `orca_team`. `ppo` is the agent for one robot among obstacles,
 to which others are a part of the scan; `team_scan` began as that, and went on in teams. Agents learned in the families
 that they are driven in, of other scenarios; `people_free` drove more than half of its training on CrowdNav's circle.
 
@@ -743,11 +801,11 @@ somebody else, and the agent foresees ways. Here the robot, its period and its a
 
 
 def counts(rows: Mapping[str, Sequence[Row]]) -> str:
-    """Returns how many worlds of a family each policy of each part drove, in words."""
+    """Returns how many worlds of a family each policy of each part drove and is counted in, in words."""
     told = []
     for part in ("teams", "people", "cross"):
         driven_by: dict[str, dict[str, set[str]]] = {}
-        for row in rows[part]:
+        for row in independent(rows[part]):
             if row.get("contest", "people").startswith("people"):  # the others have all of their cases
                 name = row["policy"].partition(" seed ")[0]
                 driven_by.setdefault(name, {}).setdefault(row["family"], set()).add(row["world"])

@@ -1,7 +1,10 @@
 """What is said of agents beside laws: by the best law there, in one of three outcomes."""
 
 import flocks
+import numpy as np
 import pytest
+
+from wayfield.envs.scenarios.team_families import TEAM_FAMILIES
 
 
 def drives(name: str, solved: list[bool]) -> list[flocks.Row]:
@@ -30,9 +33,11 @@ def test_alike_is_what_is_shown_to_be_and_not_what_is_not_told_apart(
     assert flocks.less(rows, "agent", "law", "success").outcome([0.5] * 40) == outcome
 
 
-def test_what_only_the_uncorrected_interval_says_stays_open() -> None:
+def test_what_only_the_uncorrected_interval_says_is_no_tie_and_not_shown() -> None:
     found = flocks.Less(0.02, 0.004, 0.036, 0.02, 500, True)
-    assert [found.outcome([]), found.outcome([0.5] * 40)] == ["better", "open, ahead uncorrected"]
+    assert [found.outcome([]), found.outcome([0.5] * 40)] == ["better", "ahead, not after correction"]
+    fewer = flocks.Less(-0.036, -0.05, -0.02, 0.02, 500, True)
+    assert fewer.outcome([0.5] * 40) == "behind, not after correction"
 
 
 def test_the_rival_is_the_law_that_solves_most_and_of_such_the_quickest() -> None:
@@ -41,3 +46,46 @@ def test_the_rival_is_the_law_that_solves_most_and_of_such_the_quickest() -> Non
     every = [row for each in rows for row in each]
     assert flocks.rival(every, "agent", ("poor", "good", "quick"), "success")[0] == "quick"
     assert flocks.rival(every, "agent", ("poor", "good"), "success")[0] == "good"
+
+
+@pytest.mark.parametrize("law", ["orca_team", "vfh_plus"])
+def test_what_is_advised_is_what_the_page_takes(law: str) -> None:
+    teams, people = [], []
+    for place, solved in (("open_4", 0.9), ("doorway_4", 0.3)):
+        for name, share in (
+            ("team_scan seed 0", solved),
+            ("team_scan seed 1", solved),
+            ("team_scan seed 2", solved),
+            (law, 0.85),
+        ):
+            for k in range(40):
+                won = k < 40 * share
+                teams.append(
+                    {
+                        "family": place,
+                        "world": str(k),
+                        "policy": name,
+                        "solved": str(int(won)),
+                        "arrived": str(int(won)),
+                        "touched": "0",
+                        "extra_time": "2.0" if won else "",
+                    }
+                )
+    page = flocks.of_page(teams, people)
+    for each in flocks.team_tables(teams)[0]:
+        if kind := {"open alone": "in the open", "walls alone": "among walls"}.get(each.what):
+            line = next(line for line in flocks.advice(teams, people).splitlines() if f"{kind} " in line)
+            assert f"| `{flocks.taken(each.agent, each.law, each.found, page, each.seeds)}` " in line
+
+
+def test_worlds_that_are_one_scene_turned_are_counted_once() -> None:
+    for name, family in TEAM_FAMILIES.items():
+        if family.team > 32 or family.walled:
+            continue
+        apart = []
+        for seed in range(3):
+            ends = np.array([(*robot.start[:2], *robot.goal[:2]) for robot in family.make(seed).robots]).reshape(-1, 2)
+            apart.append(np.linalg.norm(ends[:, None] - ends, axis=-1))
+        one = all(np.allclose(each, apart[0], atol=1e-4) for each in apart)
+        rows: list[flocks.Row] = [{"family": name, "world": str(k)} for k in range(3)]
+        assert len(flocks.independent(rows)) == (1 if one else 3), name
