@@ -2,11 +2,12 @@
 
 Every difference has one of three outcomes (`outcome`): better or worse, once its p is corrected by Holm's method for
 all comparisons that are shown together; equivalent, where its 95 % interval lies within a margin that was fixed
-beforehand; or open. Success comes first, as a paired difference over the scenarios that both met. Where it is
-equivalent or open, the time or the error decides, in the scenarios that both solve; not so where the interval of the
-successes speaks for the other side. Two entries are equivalent that are so in both; who fails significantly more often
-never is, whatever a correction does to its p. Every table, sentence, star and list takes the verdict from here. Scenes
-that stand still and scenes that move are compared apart, so that a difference in some is claimed of those alone.
+beforehand, and the exact limit of a share too; or open. Success comes first, as a paired difference over the scenarios
+that both met. Where it is equivalent or open, the time or the error decides, in the scenarios that both solve; not so
+where the interval of the successes speaks for the other side. Two entries are equivalent that are so in both; who fails
+significantly more often never is, whatever a correction does to its p. Every table, sentence, star and list takes the
+verdict from here. Scenes that stand still and scenes that move are compared apart, so that a difference in some is
+claimed of those alone.
 """
 
 import dataclasses
@@ -31,17 +32,18 @@ COST_MARGIN = 0.05  # of the lesser time or error of the two
 MARGINS = f"{100.0 * MARGIN:g} point of success and {100.0 * COST_MARGIN:g} % of time or error"
 
 
-def outcome(low: float, high: float, corrected: float, margin: float, trifles: bool = False) -> str:
+def outcome(low: float, high: float, corrected: float, margin: float, limit: float = 0.0, trifles: bool = False) -> str:
     """Returns what a difference says of the first of two, more being better: BETTER, WORSE, EQUIVALENT or OPEN.
 
     Args:
         low, high: of its 95 % interval; NaN where nothing is said.
         corrected: its p, after Holm's correction.
         margin: within which the two are equivalent.
+        limit: exact one of a share to either side, `Difference.limit`: must lie within the margin too.
         trifles: whether a difference within the margin is none even where the interval leaves out zero: so of time and
             error, not of successes.
     """
-    within = low >= -margin and high <= margin
+    within = low >= -margin and max(high, limit) <= margin
     told = low > 0.0 or high < 0.0
     if within and (trifles or not told):
         return EQUIVALENT
@@ -114,7 +116,7 @@ def _verdict(line: Row, p_success: float, p_cost: float) -> Verdict:
     if math.isnan(p_success):
         return Verdict(FEW, False, FEW, p_success, p_cost)
     low, high = _ends(line, "from", "to")
-    success = outcome(low, high, p_success, 100.0 * MARGIN)
+    success = outcome(low, high, p_success, 100.0 * MARGIN, float(line[LIMIT]))
     words = "more successes" if float(line[SUCCESS]) > 0.0 else "fewer successes"
     if success in (BETTER, WORSE):
         return Verdict(success, True, words, p_success, p_cost)
@@ -217,6 +219,7 @@ def _condition(contest: Contest, robot: str, row: Row) -> str:
 CONDITION, SCENES, FIRST, OTHER = "condition", "scenes", "policy", "beside"
 ACCESS, OTHER_ACCESS = "has access to", "which has"
 SUCCESS, P_SUCCESS = "success (points)", "p of success"
+LIMIT = "exact limit (points)"
 OF, COST, UNIT, P_COST = "compared by", "cost where both succeed", "unit", "p of cost"
 LEVEL = "lesser cost"
 OFTEN, PACED, SPEED, OTHER_SPEED = "better in (%)", "asked (m/s)", "speed (m/s)", "its speed (m/s)"
@@ -227,6 +230,7 @@ HEADER = [
         "from",
         "to",
         P_SUCCESS,
+        LIMIT,
         OF,
         COST,
         "cost from",
@@ -248,11 +252,12 @@ def pairs_table(rows: Episodes, command: str) -> Table:
     for each in pairs(rows):
         in_mm = each.contest.cost.unit == "m"
         success = _numbers(each.success, 100.0, 2)
+        limit = f"{100.0 * each.success.limit:.3f}" if success[3] else ""
         cost = _numbers(each.cost, 1e3 if in_mm else 1.0, 3)
         lines.append(
             [
                 *(each.condition, each.scenes, label(each.first), label(each.other), *each.knows, str(each.scenarios)),
-                *(*success, each.contest.cost.name, *cost[:3], "mm" if in_mm else each.contest.cost.unit),
+                *(*success, limit, each.contest.cost.name, *cost[:3], "mm" if in_mm else each.contest.cost.unit),
                 "" if math.isnan(each.level) else f"{(1e3 if in_mm else 1.0) * each.level:.3f}",
                 cost[3],
                 f"{100.0 * each.often:.1f}",
@@ -264,7 +269,8 @@ def pairs_table(rows: Episodes, command: str) -> Table:
         "The first policy less the other, over the scenarios that both met, all training seeds counted: successes in "
         "points, then errors or times (mean of the differences) of the scenarios that both solve, "
         f"in families with {LEAST} such scenarios or more. From and to: 95 % intervals of paired t-tests; agents and "
-        f"scenarios are both a sample. Lesser cost: of the two there. p: before "
+        f"scenarios are both a sample. Exact limit: how far apart the successes may be, by the scenarios that one "
+        "alone solves; beyond the margin the two are not equivalent. Lesser cost: of the two there. p: before "
         f"any correction. Made by {code_span(command)}."
     )
     return Table("Every pair", HEADER, lines, note)
@@ -286,8 +292,8 @@ def claims_table(found: Table, command: str) -> Table:
     ]
     note = (
         "The verdict is on success; where that is equivalent or open, on the time or the error of the scenarios that "
-        f"both solve, unless the interval of the successes speaks for the other side. Equivalent: within {MARGINS}. "
-        "Brackets: 95 % intervals. p: corrected by Holm's method for the "
+        f"both solve, unless the interval of the successes speaks for the other side. Equivalent: within {MARGINS}, "
+        "and the exact limit of the successes too. Brackets: 95 % intervals. p: corrected by Holm's method for the "
         f"{2 * len(rows)} comparisons of all pairs of this run, decided under {SIGNIFICANT:g}. Who errs less at a "
         f"lower speed, by over {100.0 * PACE_TOLERANCE:.0f} %, has not won. Made by {code_span(command)}."
     )

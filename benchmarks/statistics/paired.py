@@ -10,7 +10,7 @@ import scipy
 from numpy.typing import NDArray
 
 from wayfield.benchmarks.statistics.aggregates import better, iqm
-from wayfield.benchmarks.statistics.crossed import enough, spread, winsorised
+from wayfield.benchmarks.statistics.crossed import enough, exact_interval, spread, winsorised
 
 Array = NDArray[np.float64]
 
@@ -25,6 +25,7 @@ class Difference:
     low: float  # of the 95 % interval
     high: float
     p: float  # two-sided, of no difference; before any correction
+    limit: float = 0.0  # of a share: how large it may be to either side, by `exact_limit`
 
 
 def difference(
@@ -45,7 +46,30 @@ def difference(
             since where failures are few, no more are seen in many a sample than their mean allows for.
     """
     pairs = a[:, :, np.newaxis] - b[:, np.newaxis, :]
-    return _tested(pairs, strata, reduction, 1.0 if reduction == "share" else dearer**2)
+    found = _tested(pairs, strata, reduction, 1.0 if reduction == "share" else dearer**2)
+    if reduction != "share" or math.isnan(found.low):
+        return found
+    means = pairs.mean(axis=(1, 2))
+    limit = exact_limit(float(means.clip(0.0).sum()), float(-means.clip(None, 0.0).sum()), len(means))
+    return dataclasses.replace(found, limit=limit)
+
+
+def exact_limit(won: float, lost: float, scenarios: int) -> float:
+    """Returns how large a difference of two shares may be to either side, by how often either alone succeeds.
+
+    Two-sided, 95 %: the exact limits of both shares, put together as their errors add, so that with no scenario lost,
+    or none won, it is the exact limit of the other share alone. It needs no scenario that nobody drove; that agents are
+    a sample too, it does not know. Sources: Clopper and Pearson, Biometrika 26, 1934; Zou and Donner, Statistics in
+    Medicine 27, 2008.
+
+    Args:
+        won, lost: scenarios in which one alone succeeds; of several agents the sums of their means, which need not be
+            whole.
+    """
+    ends = [(share, *exact_interval(share, scenarios)) for share in (won / scenarios, lost / scenarios)]
+    return max(
+        one - other + math.hypot(high - one, other - low) for (one, _, high), (other, low, _) in (ends, ends[::-1])
+    )
 
 
 def of_pairs(pairs: Array, strata: Sequence[str], reduction: Literal["mean", "iqm"]) -> Difference:

@@ -22,8 +22,8 @@ from flocks import first_episodes
 from tabulate import tabulate
 
 from wayfield import policies
-from wayfield.benchmarks.leaderboards.verdicts import MARGIN, outcome
-from wayfield.benchmarks.statistics.paired import Difference, difference
+from wayfield.benchmarks.leaderboards.verdicts import BETTER, MARGIN, OPEN, WORSE, outcome
+from wayfield.benchmarks.statistics.paired import Difference, difference, holm
 from wayfield.envs.robots import FULL_TURN, ROBOTS, Robot, Sensors
 from wayfield.envs.scenarios import TASKS, GoalScenario
 from wayfield.envs.scenarios.goal_families import LARGEST_HULL
@@ -226,14 +226,39 @@ class Kept:
         *agent, other = ([each[scene] for scene in scenes] for each in columns)
         return difference(np.array(agent).T, np.array([other]).T, families, "share")
 
+    @property
+    def half(self) -> list[str]:
+        """Returns the conditions in which the agents of the P3DX alone were driven; none without their half speed."""
+        there = [
+            name
+            for name in (HOME, HALF)
+            if name in self.conditions and all(self.of(each, "success", False, [name]) for each in self.own)
+        ]
+        return there if self.own and HALF in there else []
+
+    @functools.cached_property
+    def compared(self) -> dict[tuple[str, bool, str, bool], Difference]:
+        """Every difference of successes on the page, each p corrected by Holm's method for all of them.
+
+        By the law, whether scenes move, the condition ("" for all) and whether it is of the P3DX's own agents.
+        """
+        found = {}
+        for law, moving in itertools.product(LAWS, (False, True)):
+            for name in ("", *self.conditions):
+                found[law, moving, name, False] = self.less(law, "success", moving, [name] if name else self.conditions)
+            for name in self.half:
+                found[law, moving, name, True] = self.less(law, "success", moving, [name], self.own)
+        corrected = holm([each.p for each in found.values()])
+        return {key: dataclasses.replace(each, p=p) for (key, each), p in zip(found.items(), corrected, strict=True)}
+
 
 def _points(found: Difference) -> str:
     return f"{100.0 * found.value:+.1f} [{100.0 * found.low:+.1f}, {100.0 * found.high:+.1f}]"
 
 
 def _side(found: Difference) -> str:
-    """Returns what a difference of successes says, uncorrected: better, worse, equivalent or open."""
-    return outcome(found.low, found.high, found.p, MARGIN)
+    """Returns what a difference of successes with a corrected p says: better, worse, equivalent or open."""
+    return outcome(found.low, found.high, found.p, MARGIN, found.limit)
 
 
 def table(kept: Kept, moving: bool) -> str:
@@ -246,7 +271,7 @@ def table(kept: Kept, moving: bool) -> str:
             for name in kept.names
         ]
         shares.append([condition, *cells])
-        differences.append([condition, *(_points(kept.less(law, "success", moving, [condition])) for law in LAWS)])
+        differences.append([condition, *(_points(kept.compared[law, moving, condition, False]) for law in LAWS)])
     shown = [name.removeprefix(f"{AGENT} ") if name in kept.seeds else f"`{name}`" for name in kept.names]
     headers = ["condition", *shown], [f"`{AGENT}` less", *(f"`{law}`" for law in LAWS)]
     tables = (
@@ -260,13 +285,20 @@ def sentences(kept: Kept, moving: bool) -> str:
     """Returns who wins, losses first."""
     found = []
     for law in LAWS:
-        each = {name: kept.less(law, "success", moving, [name]) for name in kept.conditions}
-        lost = [f"{name} ({_points(one)})" for name, one in each.items() if one.high < 0.0]
-        won = [f"{name} ({_points(one)})" for name, one in each.items() if one.low > 0.0]
-        whole = kept.less(law, "success", moving, kept.conditions)
+        each = {name: kept.compared[law, moving, name, False] for name in kept.conditions}
+        lost, won = (
+            [f"{name} ({_points(one)})" for name, one in each.items() if _side(one) == side] for side in (WORSE, BETTER)
+        )
+        unsure = [
+            f"{name} ({_points(one)})"
+            for name, one in each.items()
+            if _side(one) == OPEN and (one.low > 0.0 or one.high < 0.0)
+        ]
+        whole = kept.compared[law, moving, "", False]
         found.append(
             f"Over all conditions `{AGENT}` is beside `{law}` {_side(whole)}: {_points(whole)} points of success. "
             f"It is worse in {'; '.join(lost) or 'none'}. It is better in {'; '.join(won) or 'none'}."
+            + (f" Open, though the interval alone leaves out zero: {'; '.join(unsure)}." if unsure else "")
         )
     touched = {name: kept.share(kept.seeds, "collision", moving, name) for name in kept.conditions}
     over = [f"{name} ({share:.1f} %)" for name, share in touched.items() if share > 1.0]
@@ -279,17 +311,12 @@ def half_speed(kept: Kept) -> str:
 
     A sentence a condition and a table: success / collisions (%), and their success less the laws'.
     """
-    there = [
-        name
-        for name in (HOME, HALF)
-        if name in kept.conditions and all(kept.of(each, "success", False, [name]) for each in kept.own)
-    ]
-    if not kept.own or HALF not in there:
+    if not kept.half:
         return ""
     lines, told = [], []
-    for condition in there:
+    for condition in kept.half:
         for what, moving in (("still", False), ("moving", True)):
-            found = {law: kept.less(law, "success", moving, [condition], kept.own) for law in LAWS}
+            found = {law: kept.compared[law, moving, condition, True] for law in LAWS}
             shares = [f"{kept.share(names, 'success', moving, condition):.1f} / "
                       f"{kept.share(names, 'collision', moving, condition):.1f}"
                       for names in (kept.own, *([law] for law in LAWS))]  # fmt: skip
@@ -311,7 +338,7 @@ def page(rows: Sequence[dict[str, str]]) -> str:
     agentless, left = ([each.name for each in missing if bool(agents_of(each.robot)) == able] for able in (False, True))
     words = f" Not driven: {'; '.join(left)}." if left else ""
     words += f" No agent ships for the class of {'; '.join(agentless)}." if agentless else ""
-    parts = [PROSE.strip().format(seeds=told, left=words)]
+    parts = [PROSE.strip().format(seeds=told, left=words, comparisons=len(kept.compared))]
     for title, moving in (("What stands still", False), ("What moves", True)):
         name = kept.conditions[0]
         number = len(kept.of(LAWS[0], "success", moving, [name]))
@@ -328,9 +355,10 @@ one network for all differential drives, told the data sheet, below the planner 
 itself where the network makes no way; none of the robots below was in its training. {{seeds}} A shield stands behind
 it, always.
 `vfh_plus` and `scan_planner` have their default gains. All see the same scan and are asked for the same speed. Cells
-are success / collisions in per cent. The differences are paired by scene, in points of success, with 95 % intervals
-that are not corrected for how many there are. Scenes are drawn from seeds of their own, and proven; those of a hull
-beyond 0.3 m are scaled for it.
+are success / collisions in per cent. The differences are paired by scene, in points of success, with 95 % intervals.
+Better and worse are corrected by Holm's method for the {{comparisons}} comparisons of this page; equivalent is within
+{100.0 * MARGIN:g} point, all else is open. Scenes are drawn from seeds of their own, and proven; those of a hull beyond
+0.3 m are scaled for it.
 
 What it does not show: noise above "moderate", delays, other families, gains that were tuned for a condition.{{left}}
 

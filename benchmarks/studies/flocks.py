@@ -341,6 +341,7 @@ class Less(NamedTuple):
     p: float  # of no difference, before any correction
     worlds: int
     share: bool  # whether it is of a share
+    limit: float = 0.0  # of `Difference`
 
     @property
     def shown(self) -> str:
@@ -356,7 +357,7 @@ class Less(NamedTuple):
 
         Who fails more often by the interval alone is no tie: "behind, not after correction".
         """
-        found = outcome(self.low, self.high, holm([*page, self.p])[-1], MARGIN)
+        found = outcome(self.low, self.high, holm([*page, self.p])[-1], MARGIN, self.limit)
         if found == OPEN and (self.low > 0.0 or self.high < 0.0):
             return f"{AHEAD if self.low > 0.0 else BEHIND}, not after correction"
         return found
@@ -381,7 +382,7 @@ def less(rows: Sequence[Row], agent: str, law: str, metric: str, solved: str = "
     if solved and not enough(strata):  # few are left of some families: all together
         strata = ["" for _ in keys]
     found = paired(a, b, strata, "share" if metric in ("solved", "success") else "mean")
-    return Less(found.value, found.low, found.high, found.p, len(keys), metric in _SHARES)
+    return Less(found.value, found.low, found.high, found.p, len(keys), metric in _SHARES, found.limit)
 
 
 _SHARES = ("solved", "arrived", "touched", "success", "collision", "touched_person", "intimate_share", "personal_share")

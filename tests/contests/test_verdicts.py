@@ -4,7 +4,9 @@ import dataclasses
 import json
 import math
 
+import numpy as np
 import pytest
+import scipy.stats
 from oracles import table_formulas
 from oracles.drawn_tables import (
     COMMAND,
@@ -21,6 +23,7 @@ from wayfield.benchmarks.leaderboards.entries import by_entry
 from wayfield.benchmarks.leaderboards.leaderboard import Standings, contest_tables, standings_table
 from wayfield.benchmarks.records.episode import Episodes
 from wayfield.benchmarks.report import findings
+from wayfield.benchmarks.statistics.paired import difference, exact_limit
 
 SAME, SLOW = ("0.6", "0.6"), ("0.5", "0.6")
 FEWER, MORE = ("fewer successes", "more successes")
@@ -32,6 +35,7 @@ def line_of(
     cost: tuple[float, float, float],
     unit: str = "s",
     speeds: tuple[str, str] = SAME,
+    limit: float = 0.9,
 ) -> dict[str, str]:
     """Returns a line of a table of pairs: of each difference the ends of its interval and its p, the lesser cost 10."""
     told = {"success (points)": f"{sum(success[:2]) / 2}", "cost where both succeed": f"{sum(cost[:2]) / 2}"}
@@ -39,6 +43,7 @@ def line_of(
         zip(("from", "to", "p of success", "cost from", "cost to", "p of cost"), (*success, *cost), strict=True)
     )
     told |= {name: "" if math.isnan(each) else f"{each}" for name, each in ends.items()} | {"lesser cost": "10"}
+    told["exact limit (points)"] = f"{limit}"
     asked = "0.6" if unit == "mm" else ""
     return told | {"unit": unit, "asked (m/s)": asked, "speed (m/s)": speeds[0], "its speed (m/s)": speeds[1]}
 
@@ -57,6 +62,8 @@ LESS, MORE_COST, TRIFLE, NONE = (-3.0, -1.0, 1e-6), (1.0, 3.0, 1e-6), (0.1, 0.4,
         (line_of(OPEN, LESS), "better", "open success; quicker", "open success; slower"),
         (line_of(ALIKE, MORE_COST), "worse", "equivalent success; slower", "equivalent success; quicker"),
         (line_of(ALIKE, TRIFLE), "equivalent", "equivalent", "equivalent"),  # as safe, and a little slower
+        # too few scenes to show that the successes are alike, whatever their interval says
+        (line_of(ALIKE, TRIFLE, limit=1.01), "open", *["open success; equivalent time"] * 2),
         (line_of(ALIKE, OPEN), "open", *["equivalent success; open time"] * 2),
         (line_of(OPEN, TRIFLE), "open", *["open success; equivalent time"] * 2),
         (line_of(OPEN, OPEN), "open", "open", "open"),
@@ -90,6 +97,28 @@ def test_a_verdict_is_on_success_then_on_what_both_solve(
     assert (found.outcome, found.words, found.turned.words) == (outcome, words, turned)
     ps = table_formulas.stepped_down([float(line[name] or "nan") for name in ("p of success", "p of cost")] + [0.9] * 6)
     assert table_formulas.verdict(line, *ps[:2]) == words
+
+
+def test_no_scene_that_one_alone_solves_is_alike_from_368_scenes_on() -> None:
+    for scenes, wanted in ((367, "open"), (368, "equivalent")):
+        found = difference(np.ones((scenes, 1)), np.ones((scenes, 1)), [""] * scenes, "share")
+        assert verdicts.outcome(found.low, found.high, 1.0, verdicts.MARGIN, found.limit) == wanted
+        assert found.limit == pytest.approx(1.0 - 0.025 ** (1.0 / scenes), rel=1e-12)
+
+
+@pytest.mark.parametrize("scenes", [368, 500, 1000])
+def test_who_is_a_point_worse_is_called_alike_in_a_fortieth_of_samples_at_most(scenes: int) -> None:
+    """Summed over all samples, however many scenes the worse one solves alone."""
+    counts = range(40)
+    alike = [
+        (won, lost) for won in counts for lost in range(won, 40) if exact_limit(won, lost, scenes) <= verdicts.MARGIN
+    ]
+    alike += [(lost, won) for won, lost in alike if won != lost]
+    assert max(map(sum, alike)) < 40  # none beyond these counts
+    for alone in (0.0, 0.0005, 0.002, 0.005, 0.02):
+        shares = [alone, alone + verdicts.MARGIN, 1.0 - 2.0 * alone - verdicts.MARGIN]
+        samples = [[won, lost, scenes - won - lost] for won, lost in alike]
+        assert scipy.stats.multinomial.pmf(samples, scenes, shares).sum() <= 0.0251, alone
 
 
 def test_scenes_that_stand_still_and_that_move_are_compared_apart() -> None:

@@ -187,7 +187,8 @@ def verdict(line: Mapping[str, str], p_success: float, p_cost: float) -> str:
     many = f"{'more' if float(line['success (points)']) > 0.0 else 'fewer'} successes"
     if side and p_success < 0.05:
         return many
-    success = "equivalent" if not side and low >= -1.0 and high <= 1.0 else "open"
+    alike = not side and low >= -1.0 and max(high, float(line["exact limit (points)"])) <= 1.0
+    success = "equivalent" if alike else "open"
     timed, cost, less = line["unit"] == "s", "open", 0
     speeds = [float(line[each].strip("-") or "nan") for each in ("speed (m/s)", "its speed (m/s)")]
     apart = line["asked (m/s)"] != "" and min(speeds) < 0.97 * max(speeds)
