@@ -5,6 +5,7 @@ from collections.abc import Mapping
 
 from wayfield.benchmarks.contests import PAPER, TRAINED, Contest
 from wayfield.policies import ABOUT
+from wayfield.policies.learned.agent import PATIENCE
 
 _TOLD: Mapping[str, str] = {
     "sensors": "nothing",
@@ -29,7 +30,8 @@ _AGENT_AT_GOALS = (
 )
 _AGENT_AT_DOCKS = (
     "its last command; a guard keeps it from nearing what it sees faster than it could stop, and stops it within "
-    "0.02 m and 0.02 rad of the pose; holds a quicker base to what it knows; its teacher and its reward knew the map"
+    f"0.02 m and 0.02 rad of the pose; once it has made no way for {PATIENCE:g} s, the law `reeds_shepp_scan` drives; "
+    "holds a quicker base to what it knows; its teacher and its reward knew the map"
 )
 _HYBRID_AT_GOALS = (
     "a map of all its scans and a plan; the agent that drives to a point ahead on it has a guard, which keeps it from "

@@ -261,22 +261,30 @@ READING = (
     "Success is ranked first, then the time or the error of the runs that succeeded, each entry at its own speed. A "
     "verdict is on success, as a paired difference; where that is equivalent or open, it is on the time or the error "
     "of the scenarios that both solve. Better and worse are what outlasts Holm's correction for all comparisons of the "
-    f"page; equivalent is a 95 % interval within {MARGINS}; all else is open. `more successes (not significant)` is "
-    "open too: the interval alone leaves out zero, and time or error do not "
-    f"say the same. Who errs less at a lower speed, by over {100.0 * PACE_TOLERANCE:.0f} %, has not won."
+    f"page; equivalent is a 95 % interval within {MARGINS}, and of successes the exact limit too; all else is "
+    "open. `more successes (not significant)` is open too: the interval alone leaves out zero, and time or error do "
+    f"not say the same. Who errs less at a lower speed, by over {100.0 * PACE_TOLERANCE:.0f} %, has not won."
 )
 
 
-def _covered(kept: Kept, folder: str) -> str:
-    """Returns what the intervals of agents cover, and how often they were measured to hold; "" where they were not."""
+def _covered(kept: Kept, folder: str, driven: Sequence[Mapping[str, str]] = ()) -> str:
+    """Returns what the intervals of agents cover, and how often they were measured to hold; "" where they were not.
+
+    Args:
+        driven: lines of tables of pairs, of whose sets of agents it is told; none: of all that ship.
+    """
     rows = [row for row in kept.rows(SUITE) if row["of"].endswith("agents") and "IQM" not in row["interval"]]
     held = [float(row["covers (%)"].partition(" ")[0]) for row in rows]
     if not held:
         return ""
+    titles = {line["condition"] for line in driven} or {line[0] for line in _cards()}
+    sets = {line[1] for line in _cards() if any(f"{title},".startswith(f"{line[0]},") for title in titles)}
+    other = sorted(sets - {rows[0]["of"].partition(" ")[0]}, key=int)
+    others = f" For sets of {' or '.join(other)} agents it was not measured." if other else ""
     return (
         "Intervals of trained agents cover their training seeds and the scenes, of the families that are driven; in "
         f"simulated populations those of {rows[0]['of']} held the truth in {min(held):.1f} to {max(held):.1f} % of the "
-        f"cases ([measured]({folder}{SUITE}.md))."
+        f"cases ([measured]({folder}{SUITE}.md)).{others}"
     )
 
 
@@ -296,7 +304,7 @@ def _page(kept: Kept, section: Section, made: Made) -> str:
     paired = {name: kept.rows(stem) for name, stem in stems.items() if name.endswith("_pairs.csv")}
     every = [row for rows in paired.values() for row in rows]
     verdicts = iter(judged(every))  # corrected for all that the page shows
-    reading = [f"{READING} {_covered(kept, '')}".strip(), f"{2 * len(every)} tests, one correction."]
+    reading = [f"{READING} {_covered(kept, '', every)}".strip(), f"{2 * len(every)} tests, one correction."]
     files = []
     for name, place in there.items():
         heading = section.tables[name]
@@ -578,6 +586,8 @@ def advised(kept: Kept) -> list[tuple[str, str, str, Mapping[str, str], str]]:
                 sets = _best_sets(able)
                 if len(sets) < 2:
                     lead = "no rival"
+                    if verdict := verdict_of(lines, kind, _entry(sets[0]), _entry(mine[0])):  # who has other inputs
+                        lead += f"; {_named(_entry(mine[0]))}: {_lead(verdict)}"
                 else:
                     verdict = verdict_of(lines, kind, _entry(sets[0]), _entry(sets[1]))
                     lead = f"{_named(_entry(sets[1]))}: " + (_lead(verdict) if verdict else "not compared")

@@ -114,10 +114,12 @@ def _claims(contest: Contest, robot: str = "p3dx", policies: Sequence[str] = ())
             f"{stem}_board.csv": BOARD,
             f"{stem}_pairs.csv": CLAIMS,
             f"{stem}.csv": "Every number of every entry",
+            f"{stem}_told.csv": "What each has",
             f"{stem}_families.csv": "By family",
             f"{stem}_seeds.csv": "Each agent by itself",
         },
-        "Only the policies that are near the best; the section of the contest has all.",
+        "Only the policies that are near the best; the section of the contest has all. Agents do not drive alone: what "
+        "guards them, drives the last of the way or takes over is in the table of what each has.",
         within="claims/",
     )
 

@@ -306,7 +306,7 @@ def _check_fronts(cells: Cells, store: Kept, task: Task, said: Mapping[tuple[str
     for row in re.findall(rf"^\| {heading}[ ,].*\|$", store.text(CHOOSING), re.MULTILINE):
         where, _, best, _, lead = (cell.strip() for cell in row.strip("|").split("|"))
         kind = where.removeprefix(heading).removeprefix(", ") or kinds[0]
-        other, _, told = lead.partition(": ")
+        other, _, told = lead.removeprefix("no rival; ").partition(": ")
         words = said.get((kind, _label(best), _label(other)))
         cells.count += 1
         if words and told.partition(", ")[0] != words:
