@@ -18,7 +18,7 @@ from typing import Any
 import click
 import gymnasium
 import numpy as np
-from flocks import first_episodes
+from flocks import AHEAD, BEHIND, first_episodes
 from tabulate import tabulate
 
 from wayfield import policies
@@ -257,8 +257,11 @@ def _points(found: Difference) -> str:
 
 
 def _side(found: Difference) -> str:
-    """Returns what a difference of successes with a corrected p says: better, worse, equivalent or open."""
-    return outcome(found.low, found.high, found.p, MARGIN, found.limit)
+    """Returns what a difference of successes with a corrected p says, as `flocks.Less.outcome`."""
+    side = outcome(found.low, found.high, found.p, MARGIN, found.limit)
+    if side == OPEN and (found.low > 0.0 or found.high < 0.0):
+        return f"{AHEAD if found.low > 0.0 else BEHIND}, not after correction"
+    return side
 
 
 def table(kept: Kept, moving: bool) -> str:
@@ -286,19 +289,17 @@ def sentences(kept: Kept, moving: bool) -> str:
     found = []
     for law in LAWS:
         each = {name: kept.compared[law, moving, name, False] for name in kept.conditions}
-        lost, won = (
-            [f"{name} ({_points(one)})" for name, one in each.items() if _side(one) == side] for side in (WORSE, BETTER)
+        sides = {name: _side(one) for name, one in each.items()}
+        lost, behind, ahead, won = (
+            "; ".join(f"{name} ({_points(each[name])})" for name, side in sides.items() if side.startswith(told))
+            or "none"
+            for told in (WORSE, BEHIND, AHEAD, BETTER)
         )
-        unsure = [
-            f"{name} ({_points(one)})"
-            for name, one in each.items()
-            if _side(one) == OPEN and (one.low > 0.0 or one.high < 0.0)
-        ]
         whole = kept.compared[law, moving, "", False]
         found.append(
             f"Over all conditions `{AGENT}` is beside `{law}` {_side(whole)}: {_points(whole)} points of success. "
-            f"It is worse in {'; '.join(lost) or 'none'}. It is better in {'; '.join(won) or 'none'}."
-            + (f" Open, though the interval alone leaves out zero: {'; '.join(unsure)}." if unsure else "")
+            f"It is worse in {lost}. It is better in {won}. By the interval alone, not after correction, it is behind "
+            f"in {behind} and ahead in {ahead}."
         )
     touched = {name: kept.share(kept.seeds, "collision", moving, name) for name in kept.conditions}
     over = [f"{name} ({share:.1f} %)" for name, share in touched.items() if share > 1.0]
@@ -356,9 +357,9 @@ itself where the network makes no way; none of the robots below was in its train
 it, always.
 `vfh_plus` and `scan_planner` have their default gains. All see the same scan and are asked for the same speed. Cells
 are success / collisions in per cent. The differences are paired by scene, in points of success, with 95 % intervals.
-Better and worse are corrected by Holm's method for the {{comparisons}} comparisons of this page; equivalent is within
-{100.0 * MARGIN:g} point, all else is open. Scenes are drawn from seeds of their own, and proven; those of a hull beyond
-0.3 m are scaled for it.
+Better and worse are corrected by Holm's method for the {{comparisons}} comparisons of this page, ahead and behind are
+not; equivalent is within {100.0 * MARGIN:g} point, all else is open. Scenes are drawn from seeds of their own, and
+proven; those of a hull beyond 0.3 m are scaled for it.
 
 What it does not show: noise above "moderate", delays, other families, gains that were tuned for a condition.{{left}}
 
