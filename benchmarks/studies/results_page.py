@@ -6,6 +6,7 @@ import functools
 import io
 import itertools
 import json
+import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -52,7 +53,7 @@ Row = Mapping[str, str]
 # What README, the index and the advice are about: the heading, the section, the table, and the kinds of scenes.
 Task = tuple[str, str, str, tuple[str, ...]]
 TASKS: tuple[Task, ...] = (
-    ("Follow a path", "path-following", "path_following_p3dx", ("smooth paths", "paths with corners")),
+    ("Follow a path", "path-following-claims", "claims/path_following_p3dx", ("smooth paths", "paths with corners")),
     ("Reach a goal among static obstacles", "goal-obstacles-claims", "claims/goal_obstacles_p3dx", ("still",)),
     ("Reach a goal among moving obstacles", "goal-obstacles-claims", "claims/goal_obstacles_p3dx", ("moving",)),
     (
@@ -329,7 +330,7 @@ def _page(kept: Kept, section: Section, made: Made) -> str:
     return "\n\n".join(blocks) + "\n"
 
 
-def _entry(row: Mapping[str, str]) -> tuple[str, str]:
+def entry_of(row: Mapping[str, str]) -> tuple[str, str]:
     return row["policy"], row["gains"]
 
 
@@ -351,7 +352,7 @@ def _boards(rows: Sequence[Mapping[str, str]]) -> Iterator[str]:
         lines: list[dict[str, str]] = []
         teachers: dict[str, str] = {}
         for row in mine:
-            line = {"policy": _named(_entry(row)), **_narrow(row, list(row)[3:])}
+            line = {"policy": _named(entry_of(row)), **_narrow(row, list(row)[3:])}
             if _TIME in row:  # the widest of them: who taught an agent stands below
                 learned, _, teacher = line.pop("learned from").partition(", taught by ")
                 line["from"] = learned.replace(" frames", "")
@@ -472,12 +473,12 @@ _ON_ITS_PAGE = ("timeout (%)", "least clearance (m)", "LDLJ", "ms a decision", "
 
 def _front_table(board: Sequence[Mapping[str, str]], lines: Sequence[Mapping[str, str]], kinds: Sequence[str]) -> str:
     """Returns the first rows of a leaderboard, the best set of each policy, with the verdict beside the first agent."""
-    agents = {row["policy"]: _entry(row) for row in _trained(board)}
+    agents = {row["policy"]: entry_of(row) for row in _trained(board)}
     agent = next((agents[policy] for policy in TRAINED if policy in agents), None)
     several = len(kinds) > 1
     rows = []
     for kind in kinds:
-        mine = _best_sets([row for row in board if row["scenes"] == kind])
+        mine = best_sets([row for row in board if row["scenes"] == kind], at_pace(board, lines))
         without = [row for row in mine if not _has_map(row)]
         must = [*without[:1], *[row for row in mine if _has_map(row)][:1], *_trained(mine)]
         rest = [row for row in mine if row not in must][: MOST - len(must)]
@@ -486,16 +487,39 @@ def _front_table(board: Sequence[Mapping[str, str]], lines: Sequence[Mapping[str
     lines_shown = []
     for row in rows:
         line = {"scenes": row["scenes"]} if several else {}
-        line |= {"policy": _named(_entry(row)), **_narrow(row, columns)}
+        line |= {"policy": _named(entry_of(row)), **_narrow(row, columns)}
         if agent:
             line[f"vs. `{agent[0]}`"] = _beside(lines, row, agent)
         lines_shown.append(line)
     return _table(list(lines_shown[0]), [list(line.values()) for line in lines_shown])
 
 
-def _best_sets(rows: Sequence[Mapping[str, str]]) -> list[Mapping[str, str]]:
-    """Returns the row of each policy that stands first, in their order."""
-    return [mine[0] for mine in grouped(rows, "policy").values()]
+def best_sets(rows: Sequence[Row], held: set[tuple[str, str]]) -> list[Row]:
+    """Returns the row of each policy that stands first, in their order; those that hold the target speed before others.
+
+    Args:
+        held: the entries that hold it, as `at_pace` returns them.
+    """
+    of_each = grouped(rows, "policy").values()
+    found = [next((row for row in mine if entry_of(row) in held), mine[0]) for mine in of_each]
+    return sorted(found, key=lambda row: entry_of(row) not in held)
+
+
+def at_pace(board: Sequence[Row], lines: Sequence[Row]) -> set[tuple[str, str]]:
+    """Returns the entries that hold the requested speed in the mean over all scenes; all where none is requested."""
+    asked = float(lines[0]["asked (m/s)"] or "nan") if lines else math.nan
+    counts = {line["scenes"]: float(line["scenarios"]) for line in lines}
+    found = set()
+    for entry in {entry_of(row) for row in board}:
+        mine = [
+            (float(row["speed (m/s)"] or "nan"), counts.get(row["scenes"], 0.0))
+            for row in board
+            if entry_of(row) == entry
+        ]
+        speed = sum(speed * count for speed, count in mine) / max(sum(count for _, count in mine), 1.0)
+        if not abs(speed - asked) > PACE_TOLERANCE * asked:
+            found.add(entry)
+    return found
 
 
 def _trained(rows: Sequence[Mapping[str, str]]) -> list[Mapping[str, str]]:
@@ -518,7 +542,7 @@ def verdict_of(
 
 
 def _beside(lines: Sequence[Mapping[str, str]], row: Mapping[str, str], agent: tuple[str, str]) -> str:
-    found = verdict_of(lines, row["scenes"], _entry(row), agent)
+    found = verdict_of(lines, row["scenes"], entry_of(row), agent)
     return "" if found is None else _short(found[0])
 
 
@@ -530,8 +554,9 @@ def _sentences(found: Sequence[Told]) -> str:
     first: dict[str, str] = {}
     for (heading, _, _, kinds), board, lines in found:
         for kind in kinds:
-            mine = [row for row in _best_sets([row for row in board if row["scenes"] == kind]) if not _has_map(row)]
-            verdicts = [(row, verdict_of(lines, kind, _entry(mine[0]), _entry(row))) for row in mine[1:]]
+            here = [row for row in board if row["scenes"] == kind and not _has_map(row)]
+            mine = best_sets(here, at_pace(board, lines))
+            verdicts = [(row, verdict_of(lines, kind, entry_of(mine[0]), entry_of(row))) for row in mine[1:]]
             told = [(f"`{row['policy']}`", each[0].outcome) for row, each in verdicts if each]
             near = [
                 f"{outcome}: {', '.join(name for name, each in told if each == outcome)}"
@@ -583,14 +608,14 @@ def advised(kept: Kept) -> list[tuple[str, str, str, Mapping[str, str], str]]:
                     for row in mine
                     if access == row["has access to"] or (access == NO_MAP and row["has access to"] != ONLY_MAP)
                 ]
-                sets = _best_sets(able)
+                sets = best_sets(able, at_pace(board, lines))
                 if len(sets) < 2:
                     lead = "no rival"
                     if verdict := verdict_of(lines, kind, _entry(sets[0]), _entry(mine[0])):  # who has other inputs
                         lead += f"; {_named(_entry(mine[0]))}: {_lead(verdict)}"
                 else:
-                    verdict = verdict_of(lines, kind, _entry(sets[0]), _entry(sets[1]))
-                    lead = f"{_named(_entry(sets[1]))}: " + (_lead(verdict) if verdict else "not compared")
+                    verdict = verdict_of(lines, kind, entry_of(sets[0]), entry_of(sets[1]))
+                    lead = f"{_named(entry_of(sets[1]))}: " + (_lead(verdict) if verdict else "not compared")
                 found.append((task, kind, access, sets[0], lead))
     return found
 
@@ -619,15 +644,16 @@ def disagreements(kept: Kept, advice: str) -> list[str]:
                 if kind not in kinds or (kind == "moving" and len(kinds) > 1):
                     continue  # who moves past a dock is not what stands around a goal
                 mine = [row for row in board if row["scenes"] == kind]
-                own = next((row for row in _best_sets(mine) if row["policy"] == policy), None)
+                own = next((row for row in best_sets(mine, at_pace(board, lines)) if row["policy"] == policy), None)
                 if own is None:
                     continue
-                first = next(row for row in mine if _has_map(row) == _has_map(own))
-                verdict = None if own == first else verdict_of(lines, kind, _entry(own), _entry(first))
+                alike = [row for row in mine if _has_map(row) == _has_map(own)]
+                first = best_sets(alike, at_pace(board, lines))[0]
+                verdict = None if own == first else verdict_of(lines, kind, entry_of(own), entry_of(first))
                 behind = ("slower", "errs more", "errs more at a higher speed")  # the prose names no speed
                 if verdict and (verdict[0].words.startswith("fewer successes") or verdict[0].words.endswith(behind)):
                     found.append(
-                        f"{policy} where {words!r} ({task}): beside {_named(_entry(first))} it has {verdict[0].words}"
+                        f"{policy} where {words!r} ({task}): beside {_named(entry_of(first))} it has {verdict[0].words}"
                     )
     return found
 
@@ -655,7 +681,7 @@ def _advice(kept: Kept) -> list[str]:
         unit = cost.partition("(")[2].rstrip(")")
         reached = f"{row['success (%)'].partition(' ')[0]} %, {row[cost].partition(' ')[0]} {unit}"
         several = sum(each[0] == task and each[2] == access for each in found) > 1
-        lines.append([f"{task}, {kind}" if several else task, access, _named(_entry(row)), reached, lead])
+        lines.append([f"{task}, {kind}" if several else task, access, _named(entry_of(row)), reached, lead])
     if not lines:
         return []
     return [_table(["task", "inputs", "take", "result", "vs. the next"], lines), *_off_speed()]
