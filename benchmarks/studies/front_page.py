@@ -15,7 +15,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from PIL import Image, ImageDraw
-from results_page import KEPT, ONLY_MAP, README, Kept, Row, at_pace, best_sets, entry_of, marked, verdict_of
+from results_page import ONLY_MAP, README, Kept, Row, at_pace, best_sets, entry_of, marked, verdict_of
+from sections import KEPT
 
 from wayfield import policies
 from wayfield.benchmarks.contests import PACE_TOLERANCE
@@ -70,7 +71,7 @@ class Panel:
 _TASKS: tuple[tuple[str, str, str, str, str, str, str, Mapping[str, str]], ...] = (
     (
         "Path following", "PPO", "RMS cross-track error (mm), lower is better", "mm", "paths",
-        "claims/path_following_p3dx", "{} tracks {where} more closely than {}",
+        "path_following_p3dx", "{} tracks {where} more closely than {}",
         {"smooth paths": "smooth paths", "paths with corners": "paths with corners"},
     ),
     (
@@ -88,7 +89,7 @@ _TASKS: tuple[tuple[str, str, str, str, str, str, str, Mapping[str, str]], ...] 
 
 
 TASKS = len(_TASKS) + 1
-_SECTIONS = ("path-following-claims", "goal-obstacles-claims", "docking-claims")  # whose rows these are
+_SECTIONS = ("path-following", "goal-obstacles-claims", "docking-claims")  # whose rows these are
 
 
 def panels(kept: Kept) -> Iterator[Panel]:

@@ -71,8 +71,7 @@ def main(
     try:
         if entries:
             for name, entry in submitted(home / LEADERBOARD).items():
-                found = entry_files(driven_today(entry, entry.card["entry"]["split"]))
-                write(home / LEADERBOARD / name, found)
+                write(home / LEADERBOARD / name, entry_files(driven_today(entry, entry.card["entry"]["split"])))
             return
         if again:
             write(home, made_again(home))
@@ -94,6 +93,8 @@ def main(
                 raise ValueError(f"--only {section.name}: {above / section.name} holds no finished run")
         store = Kept(home, files)
         for section, made in store.sections():
+            if section not in wanted:
+                continue
             found = check(section, store)
             if f"{KEPT}/{section.name}.json" in files and not (stale or found.shown or done(above / section.name)):
                 raise ValueError(

@@ -53,7 +53,7 @@ Row = Mapping[str, str]
 # What README, the index and the advice are about: the heading, the section, the table, and the kinds of scenes.
 Task = tuple[str, str, str, tuple[str, ...]]
 TASKS: tuple[Task, ...] = (
-    ("Follow a path", "path-following-claims", "claims/path_following_p3dx", ("smooth paths", "paths with corners")),
+    ("Follow a path", "path-following", "path_following_p3dx", ("smooth paths", "paths with corners")),
     ("Reach a goal among static obstacles", "goal-obstacles-claims", "claims/goal_obstacles_p3dx", ("still",)),
     ("Reach a goal among moving obstacles", "goal-obstacles-claims", "claims/goal_obstacles_p3dx", ("moving",)),
     (
@@ -557,11 +557,11 @@ def _sentences(found: Sequence[Told]) -> str:
             here = [row for row in board if row["scenes"] == kind and not _has_map(row)]
             mine = best_sets(here, at_pace(board, lines))
             verdicts = [(row, verdict_of(lines, kind, entry_of(mine[0]), entry_of(row))) for row in mine[1:]]
-            told = [(f"`{row['policy']}`", each[0].outcome) for row, each in verdicts if each]
+            outcomes = [(f"`{row['policy']}`", each[0].outcome) for row, each in verdicts if each]
             near = [
-                f"{outcome}: {', '.join(name for name, each in told if each == outcome)}"
+                f"{outcome}: {', '.join(name for name, each in outcomes if each == outcome)}"
                 for outcome in (EQUIVALENT, OPEN)
-                if outcome in dict(told).values()
+                if outcome in dict(outcomes).values()
             ]
             first[f"{heading}, {kind}"] = f"`{mine[0]['policy']}`" + (f" ({'; '.join(near)})" if near else "")
     told = []
@@ -611,8 +611,8 @@ def advised(kept: Kept) -> list[tuple[str, str, str, Mapping[str, str], str]]:
                 sets = best_sets(able, at_pace(board, lines))
                 if len(sets) < 2:
                     lead = "no rival"
-                    if verdict := verdict_of(lines, kind, _entry(sets[0]), _entry(mine[0])):  # who has other inputs
-                        lead += f"; {_named(_entry(mine[0]))}: {_lead(verdict)}"
+                    if verdict := verdict_of(lines, kind, entry_of(sets[0]), entry_of(mine[0])):  # who has other inputs
+                        lead += f"; {_named(entry_of(mine[0]))}: {_lead(verdict)}"
                 else:
                     verdict = verdict_of(lines, kind, entry_of(sets[0]), entry_of(sets[1]))
                     lead = f"{_named(entry_of(sets[1]))}: " + (_lead(verdict) if verdict else "not compared")
