@@ -651,7 +651,7 @@ def front_parts(teams: Sequence[Row], people: Sequence[Row]) -> list[Part]:
     among = AMONG_PEOPLE["people_free"]
     return [
         ("in the open, lidar only", "team_scan", by_scan, "solved", of_kind(small, "open")),
-        ("at doors and in rooms, lidar only", "team_scan", by_scan, "solved", of_kind(small, "walls")),
+        ("at doors and in rooms", "team_scan", by_scan, "solved", of_kind(small, "walls")),
         ("on CrowdNav's test cases", "people_free", among, "success", of_contest(people, "crowdnav")),
         ("in AttnGraph's crowd", "people_free", among, "success", of_contest(people, "attngraph")),
     ]

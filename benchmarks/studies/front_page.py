@@ -80,7 +80,7 @@ _TASKS: tuple[tuple[str, str, str, str, str, str, str, Mapping[str, str]], ...] 
         {"still": "among static obstacles", "moving": "among moving obstacles"},
     ),
     (
-        "Docking without a map", "PPO with a fallback", "success (%)", "%", "docks",
+        "Docking without a map (PPO with a fallback)", "PPO", "success (%)", "%", "docks",
         "claims/docking_p3dx", "{} succeeds more often than {} {where}",
         {"nothing around": "in free space", "at a wall or in a berth": "at a wall or in a bay",
          "moving": "among moving obstacles"},
