@@ -180,7 +180,7 @@ MOVED = 2e-5  # m: observations have single precision
 MIRRORED = 1e-9  # m: those of a mirror image are as exact
 LOOSER = {"mpc": 2e-4, "mppi": 2e-4}  # m: programs that are solved to a tolerance, and weights of many samples
 # Steps of a run, where the choice of one among alike depends on the last digit, or a beam lies on a sector's edge.
-SHORTER = {"mpc": 20, "mppi": 25, "dwa": 40}
+SHORTER = {"mpc": 20, "mppi": 25, "dwa": 40, "lookahead_documented": 75}
 
 
 def runs(env_id: str, name: str, scene: dict[str, Any], symmetry: Symmetry, folder: Path, **options: Any) -> list[Run]:

@@ -309,7 +309,11 @@ def test_a_run_that_is_stopped_wherever_it_can_be_goes_on_from_there(
 ) -> None:
     monkeypatch.setattr(training_run, "validate", lambda *asked: validate(*asked[:-1], clock=50))
     if preset.controller and env_id == PATH:  # a pilot foresees where a base is that answers late
-        preset = dataclasses.replace(preset, robot=str(READERS["data sheet of a robot"].fill(tmp_path)))
+        sheet = READERS["data sheet of a robot"].fill(tmp_path)
+        sheet.write_text(
+            json.dumps({**json.loads(sheet.read_text()), "turning_radius": 0.0})
+        )  # the law turns on the spot
+        preset = dataclasses.replace(preset, robot=str(sheet))
     train(job(tmp_path / "whole", preset, env_id=env_id), quiet)
     folder, stopped, reached = tmp_path / "run", None, [0]
     while stopped is None or not stopped.done:

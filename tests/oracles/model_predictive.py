@@ -84,8 +84,8 @@ class Problem:
     def residuals(self, z: Any, pose_at: Callable[[Any], Any], sin: Any = math.sin, cos: Any = math.cos) -> list[Any]:
         """Returns the terms that the sum squares; z: v, w, sigma of each step."""
         p, m, n = self.policy, self.model[0], self.n
-        h = float(m["substeps"] * m["dt"])
-        dt = float(m["dt"])
+        dt = float(m["plant"]["dt"])
+        h = float(m["substeps"]) * dt
         lag = self.drive.pilot.briefing.actuators.lag
         x, y, th = self.start[:3].tolist()
         v, w = self.twist[0, 0], self.twist[0, -1]

@@ -20,8 +20,10 @@ from wayfield.policies.paths.regulated_pure_pursuit import RegulatedPurePursuit
 from wayfield.policies.paths.stanley import Stanley
 from wayfield.policies.poses.smooth_pose import SmoothPose
 
+SCALE = 2.4  # so that no corners follow each other closely: such are rounded
 OPEN = [(0.0, 0.0), (1.1, 0.1), (1.7, 0.5), (1.9, 1.1), (1.9, 2.2), (0.8, 2.2), (0.4, 1.2), (-0.7, 1.5), (-1.9, 0.4)]
 CLOSED = [(0.3, 0.0), (1.4, 0.2), (1.9, 1.2), (1.1, 1.9), (0.1, 1.3)]
+OPEN, CLOSED = ([(SCALE * x, SCALE * y) for x, y in points] for points in (OPEN, CLOSED))
 ROBOT = ROBOTS["p3dx"]
 DT = 0.05
 STEPS = 3  # of each robot, so that what a law remembers counts
