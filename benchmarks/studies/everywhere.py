@@ -18,11 +18,11 @@ from typing import Any
 import click
 import gymnasium
 import numpy as np
-from flocks import AHEAD, BEHIND, first_episodes
+from flocks import AHEAD, BEHIND, first_episodes, leaning
 from tabulate import tabulate
 
 from wayfield import policies
-from wayfield.benchmarks.leaderboards.verdicts import BETTER, MARGIN, OPEN, WORSE, outcome
+from wayfield.benchmarks.leaderboards.verdicts import BETTER, MARGIN, WORSE, outcome
 from wayfield.benchmarks.statistics.paired import Difference, difference, holm
 from wayfield.envs.robots import FULL_TURN, ROBOTS, Robot, Sensors
 from wayfield.envs.scenarios import TASKS, GoalScenario
@@ -257,11 +257,8 @@ def _points(found: Difference) -> str:
 
 
 def _side(found: Difference) -> str:
-    """Returns what a difference of successes with a corrected p says, as `flocks.Less.outcome`."""
-    side = outcome(found.low, found.high, found.p, MARGIN, found.limit)
-    if side == OPEN and (found.low > 0.0 or found.high < 0.0):
-        return f"{AHEAD if found.low > 0.0 else BEHIND}, not after correction"
-    return side
+    """Returns what a difference of successes with a corrected p says."""
+    return leaning(outcome(found.low, found.high, found.p, MARGIN, found.limit), found.low, found.high)
 
 
 def table(kept: Kept, moving: bool) -> str:

@@ -355,12 +355,17 @@ class Less(NamedTuple):
     def outcome(self, page: Sequence[float]) -> str:
         """Returns what it says of successes, corrected by Holm's method for a page's comparisons, given by their p.
 
-        Who fails more often by the interval alone is no tie: "behind, not after correction".
+        Who fails more often by the interval alone is no tie, as `leaning` has it.
         """
         found = outcome(self.low, self.high, holm([*page, self.p])[-1], MARGIN, self.limit)
-        if found == OPEN and (self.low > 0.0 or self.high < 0.0):
-            return f"{AHEAD if self.low > 0.0 else BEHIND}, not after correction"
-        return found
+        return leaning(found, self.low, self.high)
+
+
+def leaning(found: str, low: float, high: float) -> str:
+    """Returns an outcome; of an open one that the interval alone decides, "ahead" or "behind, not after correction"."""
+    if found == OPEN and (low > 0.0 or high < 0.0):
+        return f"{AHEAD if low > 0.0 else BEHIND}, not after correction"
+    return found
 
 
 def less(rows: Sequence[Row], agent: str, law: str, metric: str, solved: str = "") -> Less:

@@ -12,6 +12,7 @@ import flocks
 import gymnasium
 import matplotlib
 import numpy as np
+from flocks import AHEAD, BEHIND
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from PIL import Image, ImageDraw
@@ -21,7 +22,7 @@ from sections import KEPT
 from wayfield import policies
 from wayfield.benchmarks.contests import PACE_TOLERANCE
 from wayfield.benchmarks.figures.drawing import RC
-from wayfield.benchmarks.leaderboards.verdicts import EQUIVALENT
+from wayfield.benchmarks.leaderboards.verdicts import BETTER, EQUIVALENT, OPEN, WORSE, Verdict
 from wayfield.benchmarks.statistics.aggregates import interval, mean
 from wayfield.envs.tasks.task import CONTROL_PERIOD
 
@@ -29,8 +30,8 @@ FIGURE, FILM = "docs/who_wins.png", "docs/drive.webp"
 FILMED = "moving_crowd/test"
 FRAME_PX, FRAME_SKIP, PACE_SHOWN = 480, 4, 2.0  # of each side; steps a frame; times the robots' own pace
 CONTROLLER, AGENT = "#0072B2", "#E69F00"  # of Okabe and Ito, apart for colour-blind readers
+SUCCESS = "success (%)"
 AGENT_OF = "ppo"  # that stands beside the controllers of a single robot
-WON, LOST, OPEN, TIED = "won", "lost", "open", "tied"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,8 +52,9 @@ class Match:
     controller: Bar
     agent: Bar
     scenes: int
-    outcome: str  # of the controller: WON, LOST, OPEN, TIED
+    outcome: str  # of the controller: BETTER, WORSE, EQUIVALENT, OPEN; AHEAD or BEHIND by the interval alone
     speeds: tuple[float, float] | None = None  # m/s, where they differ
+    shares: tuple[float, float] | None = None  # of success (%), where these decide and errors are drawn
 
 
 @dataclasses.dataclass(frozen=True)
@@ -115,15 +117,17 @@ def _match(board: Sequence[Row], lines: Sequence[Row], kind: str, where: str, un
     found = verdict_of(lines, kind, entry_of(controller), entry_of(agent))
     if found is None:
         return None
-    verdict, line, _ = found
-    column = "success (%)" if unit == "%" else next(name for name in agent if name.endswith(f"error ({unit})"))
-    speeds = float(controller["speed (m/s)"]), float(agent["speed (m/s)"])
-    apart = unit != "%" and abs(speeds[0] - speeds[1]) > PACE_TOLERANCE * speeds[1]
+    column = SUCCESS if unit == "%" else next(name for name in agent if name.endswith(f"error ({unit})"))
     names = f"`{controller['policy']}`", name
     bars = [Bar(each, *_numbers(row[column])) for each, row in zip(names, (controller, agent), strict=True)]
-    return Match(
-        where, bars[0], bars[1], int(line["scenarios"]), _outcome(verdict.words, unit), speeds if apart else None
-    )
+    here = Match(where, bars[0], bars[1], int(found[1]["scenarios"]), _outcome(*found, unit))
+    if unit == "%":
+        return here
+    speeds, shares = ((_numbers(controller[each])[0], _numbers(agent[each])[0]) for each in ("speed (m/s)", SUCCESS))
+    if "successes" in found[0].words:
+        return dataclasses.replace(here, shares=shares)
+    apart = abs(speeds[0] - speeds[1]) > PACE_TOLERANCE * speeds[1]
+    return dataclasses.replace(here, speeds=speeds if apart else None)
 
 
 def _numbers(cell: str) -> tuple[float, float, float]:
@@ -131,14 +135,22 @@ def _numbers(cell: str) -> tuple[float, float, float]:
     return (found[0], found[1], found[2]) if len(found) == 3 else (found[0], found[0], found[0])
 
 
-def _outcome(words: str, unit: str) -> str:
-    """Returns what the words of a verdict say of the successes, or of errors (`errs less`)."""
-    if "not significant" in words:
-        return OPEN
-    of = "success" if unit == "%" else "error"
-    won, lost = ("more successes", "fewer successes") if unit == "%" else ("errs less", "errs more")
-    tied = words == EQUIVALENT or f"{EQUIVALENT} {of}" in words
-    return WON if won in words else LOST if lost in words else TIED if tied else OPEN
+def _outcome(verdict: Verdict, line: Row, turned: bool, unit: str) -> str:
+    """Returns what a pair's line says of the successes; of the errors where these are shown and decide."""
+    words = verdict.words
+    of = "success" if unit == "%" or "successes" in words else "error"
+    low, high = (
+        float(line[name] or "nan") for name in (("from", "to") if of == "success" else ("cost from", "cost to"))
+    )
+    if turned != (of == "error"):  # less of an error is better
+        low, high = -high, -low
+    if of == "error" and "errs" in words:
+        found = BETTER if "errs less" in words else WORSE
+    elif verdict.on_success:
+        found = verdict.outcome
+    else:
+        found = EQUIVALENT if words == EQUIVALENT or f"{EQUIVALENT} {of}" in words else OPEN
+    return flocks.leaning(found, low, high).partition(", ")[0]
 
 
 def _crowds(kept: Kept) -> Iterator[Match]:
@@ -150,11 +162,11 @@ def _crowds(kept: Kept) -> Iterator[Match]:
     for where, agent, laws, metric, rows in flocks.front_parts(teams, people):
         law, here = flocks.rival(rows, agent, laws, metric)
         less = flocks.less(here, agent, law, metric)
-        outcome, _, how = less.outcome(of_page).partition(", ")
-        mirrored = {"better": LOST, "worse": WON, "equivalent": TIED}.get(outcome, OPEN)
+        told = less.outcome(of_page).partition(", ")[0]
+        outcome = {BETTER: WORSE, WORSE: BETTER, AHEAD: BEHIND, BEHIND: AHEAD}.get(told, told)
         bars = [_bar(here, name, metric) for name in (law, agent)]
         bars[1] = dataclasses.replace(bars[1], name=f"agent {bars[1].name}")
-        yield Match(where, bars[0], bars[1], less.worlds, OPEN if how else mirrored)
+        yield Match(where, bars[0], bars[1], less.worlds, outcome)
 
 
 def _rows(kept: Kept, name: str) -> list[Row]:
@@ -177,20 +189,23 @@ def sentences(found: Sequence[Panel]) -> list[str]:
 
 
 def _clause(panel: Panel, match: Match) -> str:
-    digits = 1 if panel.unit == "%" else 2
     a, b = match.controller, match.agent
-    if match.outcome == LOST:
-        a, b = b, a
-    numbers = f"{a.value:.{digits}f} vs. {b.value:.{digits}f} {panel.unit}, {match.scenes:,} {panel.scenes}"
-    if match.speeds:
-        numbers += f", at {match.speeds[0]:.2f} vs. {match.speeds[1]:.2f} m/s"
-    if match.outcome in (WON, LOST):
-        return panel.win.format(a.name, b.name, where=match.where) + f" ({numbers})"
-    what = "are equivalent" if match.outcome == TIED else "do not differ significantly"
-    place = (
-        match.where if match.where.partition(" ")[0] in ("among", "in", "at", "beside", "on") else f"on {match.where}"
-    )
-    return f"{a.name} and {b.name} {what} {place} ({numbers})"
+    told = [(a.name, b.name), match.shares or (a.value, b.value), match.speeds or ()]
+    if match.outcome in (WORSE, BEHIND):
+        told = [each[::-1] for each in told]
+    names, values, speeds = told
+    unit, win = (panel.unit, panel.win) if match.shares is None else ("%", "{} succeeds more often than {} {place}")
+    digits, of = (1, "success rate") if unit == "%" else (2, "error")
+    numbers = f"{values[0]:.{digits}f} vs. {values[1]:.{digits}f} {unit}, {match.scenes:,} {panel.scenes}"
+    if speeds:
+        numbers += f", at {speeds[0]:.2f} vs. {speeds[1]:.2f} m/s"
+    words = {
+        EQUIVALENT: f"{{}} and {{}} are equivalent in {of} {{place}}",
+        OPEN: f"{{}} and {{}} do not differ significantly in {of} {{place}}",
+        **dict.fromkeys((AHEAD, BEHIND), "{} is ahead of {} {place}, but not after correction"),
+    }.get(match.outcome, win)
+    place = match.where if match.where.startswith(("among ", "in ", "at ", "on ")) else f"on {match.where}"
+    return f"{words.format(*names, where=match.where, place=place)} ({numbers})"
 
 
 def readme(kept: Kept) -> dict[str, bytes]:

@@ -512,7 +512,7 @@ def at_pace(board: Sequence[Row], lines: Sequence[Row]) -> set[tuple[str, str]]:
     found = set()
     for entry in {entry_of(row) for row in board}:
         mine = [
-            (float(row["speed (m/s)"] or "nan"), counts.get(row["scenes"], 0.0))
+            (float(row["speed (m/s)"].strip("-") or "nan"), counts.get(row["scenes"], 0.0))
             for row in board
             if entry_of(row) == entry
         ]

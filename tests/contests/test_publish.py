@@ -1,5 +1,7 @@
 """Publishing: finished runs become the page of results and README's tables, or nothing is written."""
 
+import csv
+import io
 import json
 import shutil
 import subprocess
@@ -169,3 +171,44 @@ def test_the_losing_agents_are_told(repository: Path) -> None:
     ]
     assert len(lines) == 2
     assert all(" success; errs more" in line for line in lines)
+
+
+STEMS = {"among moving obstacles": "claims/docking_p3dx", "on paths with corners": "path_following_p3dx"}
+WORDS = {"more": "succeeds more often than", "ahead": "is ahead of", "same": "are equivalent in success rate"}
+WORDS |= {"open": "do not differ significantly in success rate", "error": "tracks paths with corners more closely than"}
+
+
+@pytest.mark.parametrize(
+    ("where", "points", "p", "wins", "told"),
+    [  # points of success of PPO less its rival
+        *((where, points, 1e-12, wins, "more") for where in STEMS for points, wins in ((-9, 0), (9, 1))),
+        *((where, 9, 0.04, 1, "ahead") for where in STEMS),  # significant before correction
+        ("among moving obstacles", -9, 0.04, 0, "ahead"),
+        ("on paths with corners", -9, 0.04, 0, "error"),  # errors say the same, and are significant
+        ("among moving obstacles", 0, 1.0, 0, "same"),
+        ("among moving obstacles", -5, 1.0, 0, "open"),
+    ],
+)
+def test_readme_says_of_a_pair_what_success_says_of_it_before_and_after_correction(
+    where: str, points: int, p: float, wins: bool, told: str
+) -> None:
+    kept = results_page.Kept(STUDIES.parents[1])
+    name = f"{STEMS[where]}_pairs"
+    lines = [dict(row) for row in kept.rows(name)]
+    rival = "ilqr (by hand)" if "paths" in where else "reeds_shepp_scan"
+    reach = {"same": 0.5, "open": 9.0}.get(told, 5.0)
+    for line in lines:
+        if (line["policy"], line["beside"]) == ("ppo (trained)", rival) and line["scenes"] in where:
+            ends = points - reach, points, points + reach
+            names = ("from", "success (points)", "to")
+            line |= {each: f"{end}" for each, end in zip(names, ends, strict=True)}
+            line |= {"p of success": f"{p}", "exact limit (points)": f"{abs(points) + 0.9}"}
+    text = io.StringIO()
+    writer = csv.DictWriter(text, list(lines[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(lines)
+    kept.changed[f"{sections.KEPT}/{name}.csv"] = text.getvalue().encode()
+    names = [f"`{rival.partition(' ')[0]}`", "PPO"][:: -1 if wins else 1]
+    joint = " and " if told in ("same", "open") else f" {WORDS[told]} "
+    wanted = joint.join(names) + (f" {WORDS[told]}" if joint == " and " else "")
+    assert wanted in "".join(front_page.sentences(list(front_page.panels(kept))))
