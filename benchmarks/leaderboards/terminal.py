@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 
 from tabulate import tabulate
 
+from wayfield.benchmarks.leaderboards.entries import OFF_PACE
 from wayfield.benchmarks.records.table import Table
 from wayfield.system.command_line import say
 
@@ -29,6 +30,8 @@ def print_short(
         if table is not None:
             rows = table.rows[:lines]
             say(_small(table.header, rows, width))
+            if any(OFF_PACE in cell for row in rows for cell in row):
+                print(f"{OFF_PACE}: not at the target speed: compare no error with it")
             if len(rows) < len(table.rows):
                 print(f"{len(table.rows) - len(rows)} more in table.md")
         print()

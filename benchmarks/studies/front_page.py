@@ -82,7 +82,7 @@ _TASKS: tuple[tuple[str, str, str, str, str, str, str, Mapping[str, str]], ...] 
         {"still": "among static obstacles", "moving": "among moving obstacles"},
     ),
     (
-        "Docking without a map (PPO with a fallback)", "PPO", "success (%)", "%", "docks",
+        "Docking (PPO with a fallback)", "PPO", "success (%)", "%", "docks",
         "claims/docking_p3dx", "{} succeeds more often than {} {where}",
         {"nothing around": "in free space", "at a wall or in a berth": "at a wall or in a bay",
          "moving": "among moving obstacles"},
@@ -224,7 +224,7 @@ def _lines(found: Sequence[Panel]) -> list[str]:
 def figure(found: Sequence[Panel]) -> bytes:
     """Returns the figure as PNG: a panel a task, a group of two bars a kind of scenes."""
     with matplotlib.rc_context(RC):
-        drawn = Figure((13.0, 9.0))
+        drawn = Figure((9.6, 9.0))
         for axes, panel in zip(drawn.subplots(2, 2).flat, found, strict=False):
             _draw(axes, panel)
         keys = [
@@ -258,7 +258,7 @@ def _draw(axes: Any, panel: Panel) -> None:
         axes.set_xticks(range(0, 101, 25))
     axes.tick_params(axis="x", labelsize=13)
     axes.set_xlabel(panel.axis, fontsize=13)
-    axes.set_title(panel.title, fontsize=17, loc="left", fontweight="bold")
+    axes.set_title(panel.title, fontsize=16, loc="left", x=-0.5, fontweight="bold")
     axes.grid(visible=False, axis="y")
 
 
