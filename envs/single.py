@@ -1,6 +1,7 @@
 """The gymnasium.Env shell: a batch of one robot."""
 
 import dataclasses
+import inspect
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, ClassVar
 
@@ -37,6 +38,12 @@ class SingleEnv(gymnasium.Env[Any, Any]):
     arguments: ClassVar[type[Arguments]]
     asks: ClassVar[type[Task]]
     robots: ClassVar[tuple[str, ...]]  # the first is the default
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        """Gives a class the signature of its arguments, which editors show; one with its own `__init__` keeps that."""
+        super().__init_subclass__(**kwargs)
+        own = cls.__init__ is SingleEnv.__init__ and hasattr(cls, "arguments")
+        cls.__signature__ = inspect.signature(cls.arguments) if own else None  # type: ignore[attr-defined]
 
     def __init__(self, **named: Any) -> None:
         arguments = self.arguments(**named)

@@ -53,8 +53,8 @@ class Arguments:
     def numbers(self, kind: type[Numbers]) -> Numbers:
         """Returns the numbers of a task, those that are arguments as these say."""
         names = [each.name for each in dataclasses.fields(kind) if hasattr(self, each.name)]  # type: ignore[arg-type]
-        given = {name: getattr(self, name) for name in names}
-        return kind(**{name: int(value) if isinstance(value, bool) else value for name, value in given.items()})
+        truths = {name for name in names if isinstance(getattr(type(self), name), bool)}  # which are 0 or 1 there
+        return kind(**{name: int(getattr(self, name)) if name in truths else getattr(self, name) for name in names})
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -91,7 +91,7 @@ def told(kind: type[Arguments], holonomic: bool) -> str:
             'or "odometry"' + ', "odometry_uncorrected", "odometry_plain_sum": see below' * holonomic,
         ),
     }
-    shared = {each.name for each in dataclasses.fields(Arguments)} - {"scenario"}
+    shared = {each.name for base in (PlantArguments, ScanArguments) for each in dataclasses.fields(base)} - {"scenario"}
     rows: list[list[str]] = []
     for each in sorted(dataclasses.fields(kind), key=lambda each: each.name in shared):
         default = json.dumps(each.default) if isinstance(each.default, str) else str(each.default)

@@ -1,5 +1,9 @@
 """Keyword arguments of the environments: a wrong one is answered with the class of the id and the nearest."""
 
+import inspect
+import re
+from typing import Any
+
 import gymnasium
 import pytest
 
@@ -21,3 +25,17 @@ def test_a_wrong_keyword_names_the_class_of_the_id_and_the_nearest_keyword(env_i
 def test_a_wrong_keyword_of_a_batch_is_answered_with_those_of_batches_too() -> None:
     with pytest.raises(TypeError, match="Did you mean 'num_threads'"):
         gymnasium.make_vec(IDS[0], 2, vectorization_mode="vector_entry_point", num_thread=2)
+
+
+@pytest.mark.parametrize("env_id", IDS)
+def test_an_editor_shows_the_arguments_that_the_sheet_tells(env_id: str) -> None:
+    kind: Any = type(gymnasium.make(env_id, disable_env_checker=True).unwrapped)
+    section = kind.__doc__.partition("## Arguments")[2].partition("##")[0]
+    told = re.findall(r"^\s*\| ([a-z_, ]+) \|", section, re.MULTILINE)[1:]
+    assert sorted(", ".join(told).split(", ")) == sorted(inspect.signature(kind).parameters)
+
+
+@pytest.mark.parametrize("argument", ["num_preview", "preview_spacing"])
+def test_a_truth_is_no_number(argument: str) -> None:
+    with pytest.raises(ValueError, match=f"{argument} must be a .*number.*, got True"):
+        gymnasium.make("wayfield/DiffDrivePathFollowing-v0", disable_env_checker=True, **{argument: True})
