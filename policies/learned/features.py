@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs.robots import Actuators
 from wayfield.system.checks import shown
 from wayfield.system.reading import is_number
 
@@ -26,8 +25,6 @@ def check_trails(features: Any) -> None:
         raise ValueError(f"{type(features).__name__}: trails must be at most {MOST_SEEN}, got {len(trails)}")
 
 
-def unguarded(
-    self: Any, observation: Any, twists: Array, speed: float, actuators: Actuators, eased: bool = False
-) -> Array:
-    """Returns the twists (b, t) as they are: what `guarded` is of a network that nothing stands behind."""
+def unchanged(self: Any, observation: Any, twists: Array, *_: Any, **__: Any) -> Array:
+    """Returns the twists (b, t) as they are: `arrived` or `guarded` of a network that no law stands behind."""
     return twists

@@ -6,9 +6,8 @@ from typing import ClassVar
 import numpy as np
 
 from wayfield.envs import path_following
-from wayfield.envs.robots import Actuators
 from wayfield.envs.tasks.briefing import Briefing
-from wayfield.policies.learned.features import LIMIT, MOST_SEEN, Array, Numbers, Tolerances, check_trails, unguarded
+from wayfield.policies.learned.features import LIMIT, MOST_SEEN, Array, Numbers, check_trails, unchanged
 from wayfield.policies.parts.gain import Gains, gain
 from wayfield.system.compiled import any_layout, compiled
 from wayfield.system.elementary import area_sine, bearing, sin_cos, wrap_angle
@@ -68,18 +67,8 @@ class PathFeatures(Gains):
         )  # fmt: skip
         return np.zeros(len(out))
 
-    def arrived(
-        self,
-        observation: path_following.Observation,
-        twists: Array,
-        speed: float,
-        actuators: Actuators,
-        tolerances: Tolerances = (None, None),
-    ) -> Array:
-        """Returns the twists as they are: a path ends where it ends."""
-        return twists
-
-    guarded = unguarded  # nothing stands beside a path
+    arrived = unchanged  # a path ends where it ends
+    guarded = unchanged  # and nothing stands beside it
 
 
 @any_layout

@@ -10,7 +10,7 @@ import numpy as np
 
 from wayfield.envs import goal_reaching
 from wayfield.envs.tasks.briefing import Briefing
-from wayfield.policies.learned.features import LIMIT, Array, Numbers, unguarded
+from wayfield.policies.learned.features import LIMIT, Array, Numbers, unchanged
 from wayfield.policies.learned.features_goal import FULL, LEAST_BEAMS, GoalFeatures
 from wayfield.policies.parts.gain import gain
 from wayfield.policies.parts.shield import LEAST_VIEW
@@ -87,7 +87,7 @@ class SheetFeatures(GoalFeatures):
             }
         )
 
-    guarded = unguarded  # the shield is behind them, on every robot
+    guarded = unchanged  # the shield is behind them, on every robot
 
 
 @dataclasses.dataclass(frozen=True)

@@ -9,7 +9,7 @@ import numpy as np
 from wayfield.envs import team_worlds
 from wayfield.envs.crowds.bodies import NEAREST
 from wayfield.envs.tasks.briefing import Briefing
-from wayfield.policies.learned.features import LIMIT, Array, Numbers, unguarded
+from wayfield.policies.learned.features import LIMIT, Array, Numbers, unchanged
 from wayfield.policies.learned.features_goal import GoalFeatures
 from wayfield.policies.parts.gain import gain
 from wayfield.system.compiled import any_layout, compiled
@@ -56,7 +56,7 @@ class TeamFeatures(GoalFeatures):
         fill_bodies(observation.bodies, angles, scales, self.bodies, fronted, out[:, at:])
         return angles
 
-    guarded = unguarded  # what guards is behind them
+    guarded = unchanged  # what guards is behind them
 
 
 @any_layout
