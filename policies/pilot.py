@@ -12,7 +12,7 @@ from wayfield.envs.tasks.briefing import Briefing
 from wayfield.envs.tasks.specs import CROWDS
 from wayfield.envs.vector import NativeVectorEnv
 from wayfield.policies.parts.forward_prediction import ForwardPrediction, undelayed
-from wayfield.policies.parts.policy import Policy, check_robot
+from wayfield.policies.parts.policy import Policy, check_robot, lacks
 from wayfield.system.checks import MOST_THREADS, whole
 from wayfield.system.threads import bounds, thread_pool
 
@@ -59,7 +59,8 @@ class Pilot:
             from wayfield.policies.registry import POLICIES, drives  # which imports the policies, and they this
 
             assert layout.task is not None
-            fit = ", ".join(each for each in POLICIES if drives(each, layout.task))
+            fits = (each for each in POLICIES if drives(each, layout.task) and not lacks(POLICIES[each](), robot))
+            fit = ", ".join(fits)
             raise TypeError(f"{name} reads {reads}, but {type(base).__name__} gives {gives}; policies that fit: {fit}")
         check_robot(policy, robot)
         self.policy = policy
