@@ -179,7 +179,8 @@ POSE_LAWS = (
 MOVED = 2e-5  # m: observations have single precision
 MIRRORED = 1e-9  # m: those of a mirror image are as exact
 LOOSER = {"mpc": 2e-4, "mppi": 2e-4}  # m: programs that are solved to a tolerance, and weights of many samples
-# Steps of a run, where the choice of one among alike depends on the last digit, or a beam lies on a sector's edge.
+# Steps of a run, before the choice of one among alike depends on the last digit, or a beam lies on a sector's edge; of
+# lookahead_documented, which drives round the outside of corners, before the nearest point is one: of either leg.
 SHORTER = {"mpc": 20, "mppi": 25, "dwa": 40, "lookahead_documented": 75}
 
 

@@ -20,10 +20,9 @@ from wayfield.policies.paths.regulated_pure_pursuit import RegulatedPurePursuit
 from wayfield.policies.paths.stanley import Stanley
 from wayfield.policies.poses.smooth_pose import SmoothPose
 
-SCALE = 2.4  # so that no corners follow each other closely: such are rounded
 OPEN = [(0.0, 0.0), (1.1, 0.1), (1.7, 0.5), (1.9, 1.1), (1.9, 2.2), (0.8, 2.2), (0.4, 1.2), (-0.7, 1.5), (-1.9, 0.4)]
 CLOSED = [(0.3, 0.0), (1.4, 0.2), (1.9, 1.2), (1.1, 1.9), (0.1, 1.3)]
-OPEN, CLOSED = ([(SCALE * x, SCALE * y) for x, y in points] for points in (OPEN, CLOSED))
+SCALE = 2.4  # of both, so that no corners follow each other closely: such are rounded
 ROBOT = ROBOTS["p3dx"]
 DT = 0.05
 STEPS = 3  # of each robot, so that what a law remembers counts
@@ -326,13 +325,14 @@ LAWS: list[tuple[Any, Callable[..., tuple[float, float]]]] = [
     ids=["lagged-open", "slow-open", "ideal-closed", "slow-closed"],
 )
 def test_a_law_drives_what_its_docstring_says(policy: Any, law: Any, actuators: str, closed: bool) -> None:
-    points = CLOSED if closed else OPEN
+    points = [(SCALE * x, SCALE * y) for x, y in (CLOSED if closed else OPEN)]
     line, path = Line(points, closed), Path(points, closed=closed)
     base = ACTUATORS[actuators]
     rng = np.random.default_rng(7)
     n = 40
     s = rng.uniform(0.0, line.length * (2.5 if closed else 1.0), n)
     s[:3] = line.length - np.array([0.02, 0.2, 0.45])  # near the end
+    s[3::2] = rng.choice(line.starts[1:], len(s[3::2])) + rng.uniform(-0.6, 0.3, len(s[3::2]))  # and near corners
     aside, turn = rng.uniform(-0.35, 0.35, n), rng.normal(0.0, 0.8, n)
     poses = np.empty((n, 3))
     for k in range(n):
