@@ -58,7 +58,8 @@ def smoothed(course: Course | None, motion: Motion, ends_only: bool = False) -> 
     that is. The path is led there from EASE times their distance before, and back. A row of such corners does so
     together, and again until no two are left: stairs become the line through the middles of their steps.
 
-    What corners remain nearer than CLOSE to another or to an end are cut, by no more than CUT, as `rounded` says.
+    What corners remain nearer than CLOSE to another, to an end or to where laps begin are cut, by no more than CUT, as
+    `rounded` says.
 
     At an open path's ends a step back, as planners make it that add the exact start and goal, would turn the robot
     around: the first and last TAIL go straight on instead.

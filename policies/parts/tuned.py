@@ -86,10 +86,10 @@ def tuned_set(name: str, suite: str, robot: str = "p3dx", speed: float = PACE, l
 
 def tuned_conditions(name: str, suite: str) -> list[str]:
     """Returns the conditions that gains of a policy ship for, as `condition` names them."""
-    result = re.compile(rf"{re.escape(name)}_([a-z0-9]+_[0-9.]+_[a-z]+)\.json")
+    pattern = re.compile(rf"{re.escape(name)}_([a-z0-9]+_[0-9.]+_[a-z]+)\.json")
     folder = _folder(suite)
     names = sorted(file.name for file in folder.iterdir()) if folder.is_dir() else []
-    return [match[1] for match in map(result.fullmatch, names) if match]
+    return [match[1] for match in map(pattern.fullmatch, names) if match]
 
 
 def condition(robot: str, speed: float, level: str) -> str:
