@@ -59,10 +59,7 @@ DOCKING = Contest(
     spec=_SPEC,
     policies=entering(_SPEC.suite),
     overview=("polar", "smooth_pose", "smooth_pose_backward", "mpc_pose", "reeds_shepp", "ppo"),
-    claims=(
-        *("polar", "smooth_pose", "smooth_pose_backward", "mpc_pose", "reeds_shepp", "reeds_shepp_scan", "waypoint"),
-        *("apf_corrected", "ppo"),
-    ),
+    claims=("polar", "smooth_pose", "smooth_pose_backward", "mpc_pose", "reeds_shepp", "reeds_shepp_scan", "ppo"),
     env_kwargs={"num_beams": 72, "max_range": 5.0},
     columns=(
         columns.COLLISION,

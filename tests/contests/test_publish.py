@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -19,6 +20,9 @@ from oracles.contest_rows import made
 
 from wayfield.benchmarks.records.results import write_rows
 from wayfield.benchmarks.records.run_folder import file_digest
+from wayfield.envs.robots import ROBOTS
+from wayfield.policies import make
+from wayfield.policies.parts.policy import lacks
 from wayfield.system.identity import source_digest
 
 STUDIES = Path(__file__).parents[2] / "benchmarks" / "studies"
@@ -123,6 +127,14 @@ def test_a_section_that_needs_files_of_others_is_not_run_and_keeps_what_it_had(r
     (repository / "evaluate.py").write_text("raise SystemExit(3)\n")  # the first of the others that is run
     assert "status 3" in run_publish(repository).stderr
     assert (repository / "docs/results/transfer.csv").read_text() == kept
+
+
+def test_every_section_names_policies_that_can_drive_its_robot() -> None:
+    for section in sections.SECTIONS:
+        words = dict(re.findall(r"--(policies|robot) (\S+)", section.command))
+        robot = ROBOTS[words.get("robot", "p3dx")]
+        named = words["policies"].split(",") if "policies" in words and section.of_contest else []
+        assert [name for name in named if lacks(make(name), robot)] == [], section.name
 
 
 def test_a_suite_that_fails_publishes_nothing(repository: Path) -> None:
