@@ -219,7 +219,7 @@ def _condition(words: str) -> tuple[str, str]:
 
 
 def _cost_of_both(ours: Sequence[Row], theirs: Sequence[Row], metric: str) -> float:
-    """Returns the middle half of differences of errors, mm, or the mean of those of times, s, where both succeed."""
+    """Returns the mean difference of errors, mm, or of times, s, where both succeed."""
     by_scene: dict[tuple[str, str], list[float]] = {}
     for row in theirs:
         if formulas.won(row):
