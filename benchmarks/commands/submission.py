@@ -467,7 +467,7 @@ def differing(submission: Submission, entrant: Entrant | None, numbers: Sequence
 
 def _first_difference(now: Row, row: Row) -> str:
     names = dict.fromkeys((*row, *now))
-    return next((name for name in names if name != TRAJECTORY and now.get(name, "") != row.get(name, "")), "")
+    return next((name for name in names if now.get(name, "") != row.get(name, "")), "")
 
 
 def _case_of(row: Row) -> bytes:

@@ -168,6 +168,7 @@ TAMPERS: dict[str, tuple[Tamper, str]] = {
     "families": (cell("family", lambda draw, _: draw.choice(("nowhere", ""))), "its family is"),
     "scenarios": (cell("scenario", lambda draw, _: draw.choice(("nowhere/test", "open/train"))), "are not those"),
     "no column": (no_column, ""),
+    "a column of the run": (lambda _, rows: [row | {"trajectory": "0"} for row in rows], "is no column of"),
     "missing rows": (without, "are missing"),
     "doubled rows": (doubled, "comes twice"),
     "rows of other episodes": (moved, "its seed is"),
