@@ -96,7 +96,7 @@ def saturation_factor(plant, vx, vy, yaw_rate):
 
 @inlined
 def steered(plant, vx, yaw_rate):
-    """Returns the yaw rate that is left of one on no smaller radius than `turning_radius`, m; 0 m cuts none."""
+    """Returns the yaw rate, cut so that the base turns on no smaller radius than `turning_radius`, m."""
     if plant.turning_radius > 0.0:
         most = abs(vx) / plant.turning_radius
         yaw_rate = min(max(yaw_rate, -most), most)
