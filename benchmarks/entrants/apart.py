@@ -82,8 +82,9 @@ class Apart:
             self._end.send(words)
         except OSError:
             raise self._ended() from None
+        answer = self._received(seconds, words[0])
         try:
-            found = json.loads(self._received(seconds, words[0]))
+            found = json.loads(answer)
         except (ValueError, RecursionError) as error:
             raise ValueError(f"{self.name!r}: {words[0]} gave no answer that can be read: {error}") from None
         if not isinstance(found, dict) or "error" in found:

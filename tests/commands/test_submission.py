@@ -272,8 +272,8 @@ def of_ones_own(submitted: Path) -> Path:
         ("0.1 + sees_an_environment()", ""),
         ("random.random()", "the policy is not deterministic"),
         ("0.2", "submitted as"),
-        ("0.1 + bool(time.sleep(1))", "act took over 0.5 s"),
-        ("sys.exit(3)", "its process ended with status 3"),
+        ("0.1 + bool(time.sleep(1))", "verify: 'still:Still': act took over 0.5 s"),
+        ("sys.exit(3)", "verify: 'still:Still': its process ended with status 3"),
     ],
     ids=["same", "curious", "random", "another", "slow", "gone"],
 )
