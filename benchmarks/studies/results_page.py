@@ -340,10 +340,6 @@ def _named(entry: tuple[str, str]) -> str:
     return f"`{policy}`" if gains in ("default", "trained") else f"`{policy}`, {gains}"
 
 
-def _label(entry: tuple[str, str]) -> str:
-    return label(entry)
-
-
 def _boards(rows: Sequence[Mapping[str, str]]) -> Iterator[str]:
     """Yields the leaderboard of each kind of scenes."""
     for scenes, mine in grouped(rows, "scenes").items():
@@ -534,9 +530,9 @@ def verdict_of(
     main = lines[0]["condition"]
     for line, verdict in zip(lines, judged(lines), strict=True):
         if line["scenes"] == scenes and line["condition"] == main:
-            if (line["policy"], line["beside"]) == (_label(one), _label(other)):
+            if (line["policy"], line["beside"]) == (label(one), label(other)):
                 return verdict, line, False
-            if (line["policy"], line["beside"]) == (_label(other), _label(one)):
+            if (line["policy"], line["beside"]) == (label(other), label(one)):
                 return verdict.turned, line, True
     return None
 
