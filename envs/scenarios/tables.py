@@ -192,12 +192,13 @@ def _layout(file: str, lines: list[str]) -> _Layout:
                 f"{shown(text)} is no row of numbers; remove it, or put a # before it"
                 if names
                 else f"{shown(text)} is neither a row of numbers, such as 1.5,0.2, nor a header that names the columns "
-                "of the place x and y, such as x,y,speed",
+                "of the place x and y, in m, cm or mm, such as x,y,speed or x_mm,y_mm",
             )
         separated = f"the columns are separated by {_SEPARATORS[delimiter]}"
-        # with white space a field left out would shift the others
-        if names and (len(fields) <= max(columns or ()) or (delimiter is None and len(fields) != len(names))):
-            problem = f"{shown(text)} has {len(fields)} column(s), the header names {len(names)}; {separated}"
+        # with white space a field left out would shift the others, as do more values than names: decimals with commas
+        shifted = any(fields[len(names) :]) or (delimiter is None and len(fields) != len(names))
+        if names and (len(fields) <= max(columns or ()) or shifted):
+            problem = f"{shown(text)} has {len(fields)} column(s), the header names {len(names)}; {separated}, decimals have a point"
             raise _fault(file, i + 1, problem)
         if not names and len(fields) not in (2, _COPPELIASIM_COLUMNS):
             raise _fault(
