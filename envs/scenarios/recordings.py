@@ -106,7 +106,8 @@ def recorded(name: str | os.PathLike[str], rate: float | None = None) -> tuple[T
     file = _file_of(os.path.abspath(place))
     rate = rate if behind is None else behind
     if rate is not None:
-        number("rate", rate, least=_RATES[0], most=_RATES[1])
+        where = "rate" if behind is None else f"{os.fspath(name)}: rate"
+        number(where, rate, least=_RATES[0], most=_RATES[1])
     return _scenarios(file, hashlib.sha256(read_text(file).encode()).hexdigest(), rate)
 
 
@@ -276,7 +277,7 @@ def _walked(file: Path, people: list[NDArray[np.float64]], rate: float | None) -
     frames = [each[:, 0].astype(np.int64) for each in people]
     step = _step(np.concatenate([np.diff(each) for each in frames]))
     if not step:
-        raise ValueError(f"{file}:1: nobody has two rows; somebody must")
+        raise ValueError(f"{file}:1: no id has two rows; at least one must, at different frames")
     longest = (max(math.floor(LONGEST_GAP * (rate or RATE)), 1) + _ASTRAY) * step
     origin = min(each[0] for each in frames)
     found: list[Person] = []
@@ -325,11 +326,12 @@ def _check_speed(file: Path, people: list[Person], rate: float | None) -> None:
     median = float(np.median(np.concatenate([np.zeros(0), *steps]))) * (rate or RATE) if steps else 0.0
     told = f"people walk at {median:.3g} m/s in the median, at {1.0 / (rate or RATE):g} s between rows"
     slow, usual, quick = _USUAL
-    near = min(max((rate or RATE) * usual / max(median, _SLOW), _RATES[0]), _RATES[1])
-    other = f"name another rate, in rows a second, behind the file, such as {file.name}@{near:.3g}"
+    near = (rate or RATE) * usual / max(median, 1e-9)
+    other = f"; name another rate, in rows a second, behind the file, such as {file.name}@{near:.3g}"
+    other *= _RATES[0] <= near <= _RATES[1]
     if not _SLOW <= median <= FASTEST:
         raise ValueError(
-            f"{file}:1: {told}; it must be from {_SLOW:g} to {FASTEST:g} m/s: x and y must be in m; {other}"
+            f"{file}:1: {told}; it must be from {_SLOW:g} to {FASTEST:g} m/s: x and y must be in m{other}"
         )
     if rate is None and not slow <= median <= quick:
-        warnings.warn(f"{file}: {told}; {other} for {usual:g} m/s", FileNote, stacklevel=2)
+        warnings.warn(f"{file}: {told}{other} for {usual:g} m/s", FileNote, stacklevel=2)
