@@ -33,6 +33,7 @@ def test_the_model_answer_passes_and_the_starter_fails(
         (1, "lab1.py", "ahead).T)", "(x, y)).T)", "e_d is"),  # nearest to the robot
         (1, "lab1.py", "math.atan2(math.sin(turn), math.cos(turn))", "turn", "e_o is"),  # not wrapped
         (1, "lab1.py", "import math", "import math, wayfield", "line 3 imports wayfield"),
+        (1, "lab1.py", "return e_d, e_h,", "return e_d,", "5 numbers: e_d, e_h, e_o, v, w"),
         (2, "lab2.json", '"k_ang"', '"k_angle"', "k_angle"),
         (
             3,
