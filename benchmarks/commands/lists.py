@@ -29,7 +29,7 @@ def _chosen(what: str, names: Sequence[str], known: Iterable[str]) -> list[str]:
 @click.command("policies", cls=OneLineErrors)
 @click.argument("names", nargs=-1)
 def policies(names: tuple[str, ...]) -> None:
-    """Lists the policies, or those of NAMES: the task, privileged information, what they need, the law, its source."""
+    """Lists the policies, or those of NAMES: task, access, needs, control law and source."""
     from wayfield.policies import ABOUT, drives
 
     rows = []

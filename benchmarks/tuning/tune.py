@@ -624,11 +624,11 @@ def write_gains(file: Path, content: Mapping[str, Any]) -> None:
 
 
 @click.command("tune", cls=OneLineErrors)
-@click.argument("policy", type=Choice("POLICY", SEARCHED))
+@click.argument("policy", metavar="POLICY", type=Choice("POLICY", SEARCHED))
 @click.option("--suite", type=Choice("--suite", TUNED_FOR), required=True, help="The contest to tune for.")
 @click.option("--robot", type=RobotChoice("--robot"), default="p3dx", show_default=True, help="Or a data sheet.")
-@click.option("--speed", type=Finite(0.05, 3.0), help=f"Asked for, m/s.  [default: the suite's, else {PACE:g}]")
-@click.option("--level", type=Choice("--level", LEVELS), default="none", show_default=True, help="Of disturbance.")
+@click.option("--speed", type=Finite(0.05, 3.0), help=f"Target speed, m/s.  [default: the suite's, else {PACE:g}]")
+@click.option("--level", type=Choice("--level", LEVELS), default="none", show_default=True, help="The disturbance.")
 @click.option(
     "--also",
     type=Choice("--also", LEVELS),
@@ -636,7 +636,7 @@ def write_gains(file: Path, content: Mapping[str, Any]) -> None:
     help="A level that every set is driven under as well; with --ship the set is written for it, too.",
 )
 @click.option("--actuators", type=Choice("--actuators", ("ideal", "lagged", "slow")), default="lagged")
-@click.option("--frames", type=click.IntRange(min=1), default=2_000_000, show_default=True, help="Of the search.")
+@click.option("--frames", type=click.IntRange(min=1), default=2_000_000, show_default=True, help="Environment steps.")
 @click.option("--trials", type=click.IntRange(min=1), default=400, show_default=True, help="Sets to try, at most.")
 @click.option("--scenarios", type=click.IntRange(min=1), default=10, show_default=True, help="Of each family.")
 @click.option("--seed", type=SEED, default=0, show_default=True, help="Of the search.")
@@ -666,7 +666,7 @@ def main(
     count: int | None,
     **asked: Any,
 ) -> None:
-    """Searches the gains of POLICY for a robot, a requested speed and a level of disturbance, and writes them.
+    """Searches the gains of POLICY for a robot, a target speed and a level of disturbance, and writes them.
 
     It searches on the training split of a suite and chooses on the whole validation split, goal seekers in drawn rooms
     too; test scenarios are never touched.

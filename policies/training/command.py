@@ -73,9 +73,9 @@ def _setting(value: Any) -> str:
 
 @click.command(cls=_Train, name="train")
 @click.argument("env_id", required=False)
-@click.option("--preset", "name", help=f"What is trained and how: {', '.join(PRESETS)}; default: the environment's.")
+@click.option("--preset", "name", help=f"Task, reward and algorithm: {', '.join(PRESETS)}; default: the environment's.")
 @click.option("--robot", metavar="NAME|FILE.json", help="The robot, in place of the preset's.")
-@click.option("--steps", type=int, help="Frames, in place of the preset's.")
+@click.option("--steps", type=int, help="Training steps, in place of the preset's.")
 @click.option("--seed", type=SEED, default=0, show_default=True, help="The first seed.")
 @click.option("--seeds", type=click.IntRange(1, MOST_SEEDS), default=1, show_default=True, help="Runs, side by side.")
 @click.option(
@@ -97,7 +97,7 @@ def main(
     settings: tuple[str, ...],
     listing: bool,
 ) -> None:
-    """Trains an agent on ENV_ID, such as wayfield/DiffDrivePathFollowing-v0, by PPO or what else the preset says.
+    """Trains an agent on ENV_ID, such as wayfield/DiffDrivePathFollowing-v0, by PPO or the algorithm of its preset.
 
     In the folder: a folder seed_N for every seed, with best/ (the agent that did best on validation scenarios),
     last.safetensors and previous.safetensors (to go on from), curve.csv and tensorboard/; and curves.png of all seeds.
