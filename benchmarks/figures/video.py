@@ -237,7 +237,7 @@ def _frame(scene: Scene, renderer: Renderer) -> NDArray[np.uint8]:
 @click.option("--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help=".mp4, .gif or .png.")
 @click.option("--seconds", type=Finite(0.0, 3600.0, min_open=True), help="At most.  [default: the time limit]")
 @click.option("--size", type=click.IntRange(100, 4000), help="Pixels of the longer side.  [default: 640; .png 1000]")
-@click.option("--pace", type=Finite(0.1, 100.0), default=1.0, show_default=True, help="Playback speed, times real time.")
+@click.option("--pace", type=Finite(0.1, 100.0), default=1.0, show_default=True, help="Times real time.")
 @click.option("--force", is_flag=True, help="Replace the file if there is one.")
 def main(place: Place, policy: str, ghosts: tuple[str, ...], out: Path, **given: Any) -> None:
     """Films a policy in a scenario, or draws its whole way as one picture.

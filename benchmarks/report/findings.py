@@ -5,7 +5,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from wayfield.benchmarks.contests import COST, GAINS_NAMES, PACE_TOLERANCE, Column, Contest
+from wayfield.benchmarks.contests import COST, GAINS_NAMES, OWN_SPLIT, PACE_TOLERANCE, Column, Contest
 from wayfield.benchmarks.entrants.own_policies import OWN
 from wayfield.benchmarks.leaderboards.entries import (
     COMPARED,
@@ -103,7 +103,8 @@ def found(contest: Contest, robot: str, rows: Episodes, named: tuple[str, ...] =
     families = _count(len(rows.unique("family")), "family", "families")
     sentence = f"{contest.title} with {robot}: {of}{shown} on the same {on} of {families}. {' '.join(sentences)}"
     if all(each.endswith(f"{TOO_FEW}.") for each in sentences):  # the table says the rest
-        suite = f"`wayfield evaluate --suite {contest.name}` settles it"
+        own = OWN_SPLIT in rows.unique("split")  # no suite holds them
+        suite = "too few to settle it" if own else f"`wayfield evaluate --suite {contest.name}` settles it"
         sentence = f"{contest.title}, {robot}: {_lead(rivals, contest)} ({on}; {suite})."
     elif len(rivals) < len(ranked):
         above = next(each for each in ranked if MAP in each.access)

@@ -330,8 +330,6 @@ def _check_speed(file: Path, people: list[Person], rate: float | None) -> None:
     other = f"; name another rate, in rows a second, behind the file, such as {file.name}@{near:.3g}"
     other *= _RATES[0] <= near <= _RATES[1]
     if not _SLOW <= median <= FASTEST:
-        raise ValueError(
-            f"{file}:1: {told}; it must be from {_SLOW:g} to {FASTEST:g} m/s: x and y must be in m{other}"
-        )
+        raise ValueError(f"{file}:1: {told}; it must be from {_SLOW:g} to {FASTEST:g} m/s: x and y must be in m{other}")
     if rate is None and not slow <= median <= quick:
         warnings.warn(f"{file}: {told}{other} for {usual:g} m/s", FileNote, stacklevel=2)

@@ -194,19 +194,18 @@ def _layout(file: str, lines: list[str]) -> _Layout:
                 else f"{shown(text)} is neither a row of numbers, such as 1.5,0.2, nor a header that names the columns "
                 "of the place x and y, in m, cm or mm, such as x,y,speed or x_mm,y_mm",
             )
-        separated = f"the columns are separated by {_SEPARATORS[delimiter]}"
+        separated = f"the columns are separated by {_SEPARATORS[delimiter]}, decimals have a point"
         # with white space a field left out would shift the others, as do more values than names: decimals with commas
         shifted = any(fields[len(names) :]) or (delimiter is None and len(fields) != len(names))
         if names and (len(fields) <= max(columns or ()) or shifted):
-            problem = f"{shown(text)} has {len(fields)} column(s), the header names {len(names)}; {separated}, decimals have a point"
+            problem = f"{shown(text)} has {len(fields)} column(s), the header names {len(names)}; {separated}"
             raise _fault(file, i + 1, problem)
         if not names and len(fields) not in (2, _COPPELIASIM_COLUMNS):
             raise _fault(
                 file,
                 i + 1,
                 f"{shown(text)} has {len(fields)} column(s); without a header it must be 2 (x, y) or 7 "
-                f"(x, y, z, qx, qy, qz, qw): name them in a first line, such as x,y,speed; {separated}, decimals have "
-                "a point",
+                f"(x, y, z, qx, qy, qz, qw): name them in a first line, such as x,y,speed; {separated}",
             )
         circuit = {name.lower() for name in names} >= _TRACK_WIDTHS
         units = [_UNITS[each] for each in _words(names[columns[0]]) if each in _UNITS] if columns else []

@@ -264,6 +264,7 @@ def test_a_folder_of_paths_is_a_contest(home: Path) -> None:
         (first, _) = csv.DictReader(file)
     # two scenarios are too few for an interval
     assert not any("[" in cell for cell in first.values())
+    assert "--suite" not in result.output, "no suite holds these scenarios"
 
 
 @pytest.mark.parametrize(
