@@ -190,15 +190,13 @@ def sentences(found: Sequence[Panel]) -> list[str]:
 
 def _clause(panel: Panel, match: Match) -> str:
     a, b = match.controller, match.agent
-    told = [(a.name, b.name), match.shares or (a.value, b.value), match.speeds or ()]
-    if match.outcome in (WORSE, BEHIND):
-        told = [each[::-1] for each in told]
-    names, values, speeds = told
+    turned = -1 if match.outcome in (WORSE, BEHIND) else 1  # the better one is named first
+    names, values, speeds = (a.name, b.name)[::turned], (match.shares or (a.value, b.value))[::turned], match.speeds
     unit, win = (panel.unit, panel.win) if match.shares is None else ("%", "{} succeeds more often than {} {place}")
     digits, of = (1, "success rate") if unit == "%" else (2, "error")
     numbers = f"{values[0]:.{digits}f} vs. {values[1]:.{digits}f} {unit}, {match.scenes:,} {panel.scenes}"
     if speeds:
-        numbers += f", at {speeds[0]:.2f} vs. {speeds[1]:.2f} m/s"
+        numbers += ", at {:.2f} vs. {:.2f} m/s".format(*speeds[::turned])
     words = {
         EQUIVALENT: f"{{}} and {{}} are equivalent in {of} {{place}}",
         OPEN: f"{{}} and {{}} do not differ significantly in {of} {{place}}",
