@@ -40,15 +40,15 @@ class _Train(OneLineErrors):
 def _listed(env_id: str | None, name: str | None) -> None:
     """Prints what --set can change, with the defaults of a preset, or of the first of each task."""
     if env_id is None and name is not None:
-        env_id = PRESETS[name].env_ids[0] if name in PRESETS else ""
-    tasks = {preset.task: preset for preset in reversed(PRESETS.values())}
+        env_id = PRESETS[name].worlds.env_ids[0] if name in PRESETS else ""
+    tasks = {preset.worlds.task: preset for preset in reversed(PRESETS.values())}
     try:
         presets = [preset_for(env_id, name)] if env_id is not None else list(reversed(tasks.values()))
     except ValueError as error:
         raise click.UsageError(str(error)) from None
     console = Console(width=shutil.get_terminal_size().columns)  # COLUMNS, the terminal's, or 80
     for preset in presets:
-        title = f"--set KEY=VALUE of preset {preset.name}, for {', '.join(preset.env_ids)}"
+        title = f"--set KEY=VALUE of preset {preset.name}, for {', '.join(preset.worlds.env_ids)}"
         table = Table(title=title, title_justify="left", box=rich.box.SIMPLE_HEAD, pad_edge=False)
         for header in ("key", "default", "range", "what it is"):
             table.add_column(header, no_wrap=header == "key", overflow="fold")
@@ -117,7 +117,7 @@ def main(
             settings = (*settings, f"steps={steps}", *scaled)
         if robot is not None:
             settings = (*settings, f"robot={robot}")
-        given, preset = preset.imitation, overridden(preset, settings)
+        given, preset = preset.prior.imitation, overridden(preset, settings)
         folder = Path("results/training") / preset.name if out is None else out
         cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         command = command_given("python train.py")
@@ -147,7 +147,7 @@ def main(
         drawn = [job.folder for job in jobs if (job.folder / CURVE).exists()]
         if drawn:
             clear_stale(folder)
-            draw_curves(drawn, preset.task, folder / CURVES, f"{env_id}, preset {preset.name}: validation")
+            draw_curves(drawn, preset.worlds.task, folder / CURVES, f"{env_id}, preset {preset.name}: validation")
     except ValueError as error:
         raise click.UsageError(str(error)) from None
     except FloatingPointError as error:
@@ -161,11 +161,11 @@ def main(
 
 def _scaled(preset: Preset, settings: tuple[str, ...], steps: int | None) -> tuple[str, ...]:
     """Returns the setting that scales a preset's imitation with --steps; nothing where it is set, or there is none."""
-    if steps is None or steps == preset.steps or not preset.imitation:
+    if steps is None or steps == preset.learning.steps or not preset.prior.imitation:
         return ()
     if any(each.startswith("imitation=") for each in settings):
         return ()
-    return (f"imitation={round(preset.imitation * steps / preset.steps)}",)
+    return (f"imitation={round(preset.prior.imitation * steps / preset.learning.steps)}",)
 
 
 def _planned(plan: Plan, preset: Preset, given: int) -> str:
@@ -173,7 +173,7 @@ def _planned(plan: Plan, preset: Preset, given: int) -> str:
     updates = f"{plan.updates} update{'' if plan.updates == 1 else 's'} of {plan.unit:,}"
     retained = f" (scaled with --steps from {given:,}; --set imitation={given} keeps it)" if given else ""
     parts = f"{plan.taught:,} of imitation{retained} and {updates}" if plan.taught else updates
-    rounded = "" if plan.frames == preset.steps else f", for {preset.steps:,} asked"
+    rounded = "" if plan.frames == preset.learning.steps else f", for {preset.learning.steps:,} asked"
     return f"{plan.frames:,} frames{rounded}: {parts}"
 
 
@@ -212,7 +212,7 @@ def _trained(jobs: Sequence[Job], at_once: int) -> list[Report]:
         transient=True,  # what is left is what `_told` says, or one line about what went wrong
     ) as bar:
         tasks = {job.seed: bar.add_task(f"seed {job.seed}", total=job.plan.frames, score="") for job in jobs}
-        task = EVERY[jobs[0].preset.task]
+        task = EVERY[jobs[0].preset.worlds.task]
 
         noted = set()
         began = time.monotonic()
@@ -273,6 +273,6 @@ def _told(jobs: Sequence[Job], last: Sequence[Report], preset: Preset) -> int:
         end = "done" if report.done else f"stopped at {report.frames:,} of {report.of:,} frames, go on with --resume"
         result, there = "no validation yet", job.folder
         if report.row:
-            result, there = f"last validation: {_scores(report.row, EVERY[preset.task])}", job.folder / BEST
+            result, there = f"last validation: {_scores(report.row, EVERY[preset.worlds.task])}", job.folder / BEST
         say(f"seed {job.seed}: {end}; {speed}; {result}; {there}")
     return status

@@ -24,7 +24,7 @@ from wayfield.policies.learned.perception import Features, Perception, features_
 from wayfield.policies.trained.ppo import shipped_agent
 from wayfield.policies.training.drawn import further
 from wayfield.policies.training.imitation import Teaching
-from wayfield.policies.training.presets import Ppo, Preset
+from wayfield.policies.training.presets import Ppo, Preset, Worlds
 from wayfield.policies.training.shaping import Shaped
 
 MOST_INPUTS = 2**29  # numbers of what is kept to learn from: 2 GiB
@@ -57,7 +57,7 @@ class Learner(abc.ABC):
         self._timed = Timed(self.env, self.seconds)
         self._make()
         self.model.set_logger(Logger(None, []))
-        _, self._callback = self.model._setup_learn(preset.steps, _Nothing())
+        _, self._callback = self.model._setup_learn(preset.learning.steps, _Nothing())
 
     @property
     @abc.abstractmethod
@@ -103,13 +103,13 @@ class Learner(abc.ABC):
         Raises:
             FloatingPointError: if the policy's numbers are no longer finite.
         """
-        self.env.share = self.frames / self.preset.steps
+        self.env.share = self.frames / self.preset.learning.steps
         began = time.perf_counter()
         inside = self.seconds["environment"]
         reward = self._collect()
         middle = time.perf_counter()
         self.seconds["rollout policy"] += middle - began - (self.seconds["environment"] - inside)
-        self.model._update_current_progress_remaining(self.frames, self.preset.steps)
+        self.model._update_current_progress_remaining(self.frames, self.preset.learning.steps)
         try:
             self._learn()
         except ValueError:  # torch refuses to make a distribution of what is not finite
@@ -119,7 +119,7 @@ class Learner(abc.ABC):
         self.seconds["update"] += time.perf_counter() - middle
         logged = {key.removeprefix("train/"): float(value) for key, value in self.model.logger.name_to_value.items()}
         self.model.logger.name_to_value.clear()
-        return {"reward": reward / (1.0 - self.preset.discount), **logged}
+        return {"reward": reward / (1.0 - self.preset.learning.discount), **logged}
 
     def check_finite(self) -> None:
         """Raises FloatingPointError unless all numbers of the policy, its critics included, are finite."""
@@ -194,7 +194,8 @@ class PpoLearner(Learner):
     MILDER = "or max_grad_norm "
 
     def __init__(self, preset: Preset, env_id: str, seed: int) -> None:
-        self.begins_as = agent_to_begin_as(preset, seed) if preset.begins else None  # before worlds, which take long
+        # before worlds, which take long
+        self.begins_as = agent_to_begin_as(preset, seed) if preset.prior.begins else None
         super().__init__(preset, env_id, seed)
 
     @property
@@ -203,24 +204,25 @@ class PpoLearner(Learner):
         return self.ppo
 
     def _make(self) -> None:
-        preset, own = self.preset, self.preset.learner
+        preset, learning, prior = self.preset, self.preset.learning, self.preset.prior
+        own = learning.algorithm
         assert isinstance(own, Ppo)
         self.ppo = PPO(
             "MlpPolicy",
             self._timed,
-            learning_rate=anneal(preset.learning_rate, preset.final_learning_rate),
-            n_steps=preset.horizon,
-            batch_size=min(preset.batch_size, preset.num_envs * preset.horizon),
+            learning_rate=anneal(learning.learning_rate, learning.final_learning_rate),
+            n_steps=learning.horizon,
+            batch_size=min(learning.batch_size, preset.frames_per_update),
             n_epochs=own.epochs,
-            gamma=preset.discount,
+            gamma=learning.discount,
             gae_lambda=own.gae_lambda,
             clip_range=anneal(own.clip, own.final_clip),
             ent_coef=own.entropy,
             max_grad_norm=own.max_grad_norm,
             target_kl=own.target_kl,
             policy_kwargs={
-                "net_arch": {"pi": list(preset.hidden), "vf": list(preset.hidden)},
-                "activation_fn": {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU}[preset.activation],
+                "net_arch": {"pi": list(learning.hidden), "vf": list(learning.hidden)},
+                "activation_fn": {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU}[learning.activation],
                 "log_std_init": own.log_std,
             },
             seed=self.seed,
@@ -233,12 +235,12 @@ class PpoLearner(Learner):
                 for module, (weight, bias) in zip(mean, self.begins_as.network.layers, strict=True):
                     module.weight.copy_(torch.from_numpy(weight.copy()))
                     module.bias.copy_(torch.from_numpy(bias.copy()))
-        if preset.imitation:
-            numbers = preset.imitation, preset.imitation_rate, self.seed, preset.lessons
-            self.teaching = Teaching(self.ppo, self.env, None if preset.begins else preset.controller_at, *numbers)
+        if prior.imitation:
+            numbers = prior.imitation, prior.imitation_rate, self.seed, prior.lessons
+            self.teaching = Teaching(self.ppo, self.env, None if prior.begins else preset.controller_at, *numbers)
 
     def _kept(self) -> tuple[int, str]:
-        return self.preset.num_envs * self.preset.horizon, "num_envs x horizon"
+        return self.preset.frames_per_update, "num_envs x horizon"
 
     def teach(self) -> Iterator[int]:
         """Runs the imitation of the preset from where it is, and yields the frames seen so far."""
@@ -252,7 +254,7 @@ class PpoLearner(Learner):
             yield frames
         self._timed.seconds = seconds
         frames, self.teaching = self.teaching.frames, None
-        _, self._callback = self.ppo._setup_learn(self.preset.steps, _Nothing())
+        _, self._callback = self.ppo._setup_learn(self.preset.learning.steps, _Nothing())
         self.ppo.num_timesteps = frames
 
     def _collect(self) -> float:
@@ -325,13 +327,15 @@ def agent_to_begin_as(preset: Preset, seed: int) -> Agent:
     Raises:
         ValueError: if none of this seed ships, or it sees, does or is something else than the preset's.
     """
-    agent = shipped_agent(preset.begins, str(preset.robot), seed)
+    agent = shipped_agent(preset.prior.begins, str(preset.worlds.robot), seed)
     network = agent.network
     if type(preset.features) is not type(agent.features):
-        raise ValueError(f"begins is {preset.begins!r}, whose agents see something else than those of {preset.name}")
+        raise ValueError(
+            f"begins is {preset.prior.begins!r}, whose agents see something else than those of {preset.name}"
+        )
     pairs: dict[str, tuple[object, object]] = {
-        "hidden": (list(preset.hidden), network.sizes[1:-1].tolist()),
-        "activation": (preset.activation, network.activation),
+        "hidden": (list(preset.learning.hidden), network.sizes[1:-1].tolist()),
+        "activation": (preset.learning.activation, network.activation),
     }
     for part in ("features", "actions"):
         mine, its = (dataclasses.asdict(getattr(each, part)) for each in (preset, agent))
@@ -344,18 +348,18 @@ def agent_to_begin_as(preset: Preset, seed: int) -> Agent:
 
 def make_worlds(preset: Preset, env_id: str) -> Shaped:
     """Returns the worlds of a preset, shaped for its learner."""
-    limit = {"max_episode_steps": preset.time_limit}
+    here, limit = preset.worlds, {"max_episode_steps": preset.worlds.time_limit}
     any_robot = isinstance(preset.features, SheetFeatures)
-    parts = [(count, {**limit, **_with_further(preset, kwargs)}) for count, kwargs, _ in preset.parts]
+    parts = [(count, {**limit, **_with_further(here, kwargs)}) for count, kwargs, _ in preset.parts]
     worlds = NativeVecEnv(env_id, parts, any_robot)
     robot_kind, dt = worlds.task.robot, worlds.task.options.dt
-    if preset.actions.kind == "planar" and not robot_kind.holonomic and not preset.guards:
+    if preset.actions.kind == "planar" and not robot_kind.holonomic and not preset.prior.guards:
         raise ValueError(f"actions.kind must be unicycle with {robot_kind.name!r}, which cannot go sideways")
     ways = None
-    if preset.shortest_ways:
+    if here.shortest_ways:
         from wayfield.policies.training.ways import WAYS
 
-        ways = WAYS[preset.task](worlds)
+        ways = WAYS[here.task](worlds)
     paces = [pace for _, _, pace in preset.parts]
     features: list[Features] = [preset.features]
     if any_robot:
@@ -365,16 +369,17 @@ def make_worlds(preset: Preset, env_id: str) -> Shaped:
         Perception(each, preset.actions.of(each), len(robot_kind.twist_axes), dt, preset.base is not None)
         for each in features
     ]
-    return Shaped(worlds, perceptions, preset.reward, paces, preset.discount, ways, preset.base, preset.arriving)
+    discount = preset.learning.discount
+    return Shaped(worlds, perceptions, preset.reward, paces, discount, ways, preset.base, here.arriving)
 
 
-def _with_further(preset: Preset, kwargs: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Returns the keyword arguments of worlds, with the scenarios that the preset draws beside a training split."""
-    if not preset.further or not (family := preset.family_of(kwargs)):
+def _with_further(here: Worlds, kwargs: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Returns the keyword arguments of worlds, with the scenarios that are drawn beside a training split."""
+    if not here.further or not (family := here.family_of(kwargs)):
         return kwargs
-    hull = robot_of(preset.robot or "p3dx").hull_radius
-    frozen = field_scenarios(EVERY[preset.task], kwargs["scenario"], hull)
-    return {**kwargs, "scenario": [*frozen, *further(preset.task, family, hull, preset.further)]}
+    hull = robot_of(here.robot or "p3dx").hull_radius
+    frozen = field_scenarios(EVERY[here.task], kwargs["scenario"], hull)
+    return {**kwargs, "scenario": [*frozen, *further(here.task, family, hull, here.further)]}
 
 
 def mean_of(policy: Any) -> list[torch.nn.Module]:

@@ -59,7 +59,7 @@ def transitions(data: Any, task: Any, preset: Preset) -> Transitions:
         ValueError: if the observations are not those that the preset reads.
     """
     if task.layout.kind is not preset.features.observation:
-        raise ValueError(f"preset {preset.name} reads {preset.task}, the data are of {task.spec.name}")
+        raise ValueError(f"preset {preset.name} reads {preset.worlds.task}, the data are of {task.spec.name}")
     numbers = [int(k) for k in data.episode_indices]
     episodes = sorted(data.storage.get_episodes(numbers), key=lambda each: -len(each["actions"]))
     perception = Perception(preset.features, preset.actions, len(task.robot.twist_axes), task.options.dt)
@@ -71,7 +71,7 @@ def transitions(data: Any, task: Any, preset: Preset) -> Transitions:
     for k in range(lengths[0] + 1):
         alive = int((lengths >= k).sum())  # the longest first: those that go on are in front
         observations = np.stack([each["observations"][k] for each in episodes[:alive]]).astype(np.float64)
-        speeds = np.full(alive, preset.speed)
+        speeds = np.full(alive, preset.worlds.speed)
         inputs, angles = perception.inputs(task.layout.unpack(observations), speeds, memory[:alive], limits=limits)
         if last is not None:
             for column, values in zip(result, (*last, inputs[: len(last[0])]), strict=False):
@@ -107,7 +107,8 @@ def layers_of(actor: torch.nn.Sequential) -> Layers:
 def cloned(steps: Transitions, preset: Preset, count: int, seed: int) -> Iterator[tuple[int, float, Layers]]:
     """Yields, now and then, the gradient steps done, the loss and the actor: the mean squared error of its actions."""
     torch.manual_seed(seed)
-    actor = network((steps.inputs.shape[1], *preset.hidden, steps.actions.shape[1]), preset.activation)
+    learning = preset.learning
+    actor = network((steps.inputs.shape[1], *learning.hidden, steps.actions.shape[1]), learning.activation)
     optimizer = torch.optim.Adam(actor.parameters(), RATE)
     for k, (inputs, actions, *_) in _batches(steps, count, seed):
         loss = torch.nn.functional.mse_loss(actor(inputs), actions)
@@ -125,20 +126,21 @@ def improved(steps: Transitions, preset: Preset, count: int, seed: int) -> Itera
     """
     torch.manual_seed(seed)
     size, width = steps.actions.shape[1], steps.inputs.shape[1]
-    actor = network((width, *preset.hidden, size), preset.activation)
-    critics = [network((width + size, *preset.hidden, 1), "relu") for _ in range(2)]
-    aims = [network((width, *preset.hidden, size), preset.activation)]
-    aims += [network((width + size, *preset.hidden, 1), "relu") for _ in range(2)]
+    learning = preset.learning
+    actor = network((width, *learning.hidden, size), learning.activation)
+    critics = [network((width + size, *learning.hidden, 1), "relu") for _ in range(2)]
+    aims = [network((width, *learning.hidden, size), learning.activation)]
+    aims += [network((width + size, *learning.hidden, 1), "relu") for _ in range(2)]
     followed = [actor, *critics]
     for aim, source in zip(aims, followed, strict=True):
         aim.load_state_dict(source.state_dict())
     of_actor = torch.optim.Adam(actor.parameters(), RATE)
     of_critics = torch.optim.Adam([each for critic in critics for each in critic.parameters()], RATE)
-    scale = (1.0 - preset.discount) / max(float(steps.rewards.std()), 1e-6)
+    scale = (1.0 - learning.discount) / max(float(steps.rewards.std()), 1e-6)
     loss = torch.zeros(())
     for k, (inputs, actions, rewards, following, going_on) in _batches(steps, count, seed):
         noise = (TARGET_NOISE * torch.randn_like(actions)).clamp(-MOST_NOISE, MOST_NOISE)
-        wanted = worth(scale * rewards, following, preset.discount * going_on, aims, noise)
+        wanted = worth(scale * rewards, following, learning.discount * going_on, aims, noise)
         both = torch.cat([inputs, actions], 1)
         errors = [torch.nn.functional.mse_loss(critic(both).squeeze(1), wanted) for critic in critics]
         _descend(of_critics, errors[0] + errors[1])
@@ -222,8 +224,8 @@ class Offline:
             if not np.isfinite(loss):
                 raise FloatingPointError(f"the training diverged after {k} gradient steps; nothing was saved")
         layers = rounded(layers)
-        kwargs = dict(self.preset.validation) | ({"robot": task.robot.name} if self.preset.robot is None else {})
-        kwargs |= {} if self.preset.robot is None else {"robot": self.preset.robot}
+        worlds = self.preset.worlds
+        kwargs = dict(worlds.validation) | {"robot": task.robot.name if worlds.robot is None else worlds.robot}
         name = f"{self.algorithm}, seed {seed}"
         card = described_agent(self.preset, task, self.env_id, kwargs, name, layers)
         about = data.storage.metadata[KEY]
@@ -239,8 +241,9 @@ class Offline:
             "versions": versions(),
         }
         preset = self.preset
-        agent: Any = Agent(Network.of(layers, preset.activation), preset.features, preset.actions, card, preset.speed)
-        score = validate(agent, self.env_id, kwargs, EVERY[preset.task].clock)
+        network = Network.of(layers, preset.learning.activation)
+        agent: Any = Agent(network, preset.features, preset.actions, card, worlds.speed)
+        score = validate(agent, self.env_id, kwargs, EVERY[worlds.task].clock)
         result = validated(score)
         save_agent(home / f"seed_{seed}" / BEST, layers, card | {"training": training, "validation": result})
         return dataclasses.asdict(score)

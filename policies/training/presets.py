@@ -1,4 +1,4 @@
-"""What is trained, and how: one frozen dataclass, an instance of it for each task and variant."""
+"""What is trained, where, how and from what: frozen dataclasses, a preset of them for each task and variant."""
 
 import dataclasses
 import math
@@ -63,117 +63,46 @@ class Sac(Gains):
 
 
 @dataclasses.dataclass(frozen=True)
-class Preset(Gains):
-    """A task, its worlds, what the network sees and is rewarded for, and the numbers of its learner.
+class Worlds(Gains):
+    """Where robots drive, which ones, how fast, and where they are validated."""
 
-    `measured` says what runs of the committed preset showed: wall time and share of seeds that reach the bar.
-    """
-
-    name: str
-    env_ids: tuple[str, ...]
     task: str  # of the scenario splits
-    worlds: tuple[World, ...]
+    env_ids: tuple[str, ...]
+    shares: tuple[World, ...]
     validation: Mapping[str, Any]  # keyword arguments of the environment in which checkpoints are compared
-    features: Features
-    actions: Actions
-    reward: Reward
-    bar: str  # what a seed must reach on validation
-    measured: str
-    # further ones, with the speed asked for, m/s; the score is the mean over all, and the card says what it did in each
+    # further ones, with the target speed, m/s; the score is the mean over all, and the card says what it did in each
     conditions: tuple[World, ...] = ()
     robot: str | None = gain(None, "", "of the environment; none: its default", words="name, none")
     drawn: int = gain(0, "1", "robots drawn at random in the place of one, each with as many rows; 0: none", most=4096)
     further: int = gain(
         0, "1", "scenarios of each family that is named alone, drawn beside its training split", most=100_000
     )
-    steps: int = gain(6_000_000, "1", "frames of the run; at least num_envs x horizon", least=1, most=10**12)
     num_envs: int = gain(1024, "1", "robots side by side; at least one for each world and pace", least=1, most=2**16)
-    horizon: int = gain(32, "1", "control periods between updates", least=1, most=2**16)
-    batch_size: int = gain(4096, "1", "frames of a gradient step", least=2, most=2**22)
-    hidden: tuple[int, ...] = gain((64, 64), "", "units of the hidden layers", words="a,b,... 1 to 16384")
-    activation: Literal["tanh", "relu"] = gain("tanh", "", "between the layers")
-    learning_rate: float = gain(1.5e-3, "1", "at the start", above=0.0)
-    final_learning_rate: float = gain(5e-5, "1", "at the end", least=0.0)
-    discount: float = gain(0.975, "1", "gamma", above=0.0, below=1.0)
-    learner: Ppo | Sac = Ppo()
     paces: tuple[float, ...] = gain((0.6,), "m/s", "the speeds asked for, of as many robots each", words="a,b,... > 0")
     speed: float = gain(0.6, "m/s", "of validation, and of the agent", above=0.0)
-    validations: int = gain(12, "1", "in a run", least=1, most=100_000)
     paced: bool = gain(False, "", "whether mean speeds on paths are measured, so that an agent holds the wanted one")
-    controller: str = gain("", "", "that teaches the network, or that it adds to", words="policy, empty")
-    controller_gains: Literal["default", "tuned", "shipped"] = gain(
-        "tuned", "", "of the controller; shipped: what agents there were taught with"
-    )
-    imitation: int = gain(0, "1", "frames in which the network is taught before PPO", most=10**12)
-    imitation_rate: float = gain(1e-3, "1", "learning rate of the teaching", least=0.0)
-    lessons: int = gain(0, "1", "that the teaching keeps and learns from again; 0: only the latest", most=MOST_LESSONS)
-    begins: str = gain("", "", "as whose agent, that ships, of robot and seed, it begins", words="task, empty")
-    reach: float = gain(0.0, "1", "share of its twists that the network adds; 0: it drives alone", least=0.0)
-    guards: bool = gain(False, "", "whether the controller keeps clear by what the network wants")
     arriving: bool = gain(False, "", "the law that ends the way does so in training too")
     shortest_ways: bool = gain(False, "", "progress is measured along the shortest way to a goal")
-    patience: int = gain(0, "1", "validations without a better one that end a run; 0: none do", most=100_000)
     time_limit: int = gain(1200, "1", "control periods of an episode", least=1, most=1_000_000)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.steps < self.num_envs * self.horizon:
-            raise ValueError(
-                f"steps is {self.steps}; it must be at least one update, num_envs x horizon = "
-                f"{self.num_envs * self.horizon}"
-            )
         if not self.paces or min(self.paces) <= 0.0:
             raise ValueError(f"paces must be speeds above 0, got {self.paces}")
-        if self.further and not any(self.family_of(kwargs) for _, kwargs in self.worlds):
+        if self.further and not any(self.family_of(kwargs) for _, kwargs in self.shares):
             raise ValueError(f"further must be 0 where no world is of one family alone, got {self.further}")
         if self.num_envs % max(self.teams, default=1):
             raise ValueError(
                 f"num_envs must be a multiple of {max(self.teams)}, the robots of a team, got {self.num_envs}"
             )
-        if bool(self.drawn) != isinstance(self.features, SheetFeatures):
-            raise ValueError(
-                f"drawn is {self.drawn}; robots are drawn for features of data sheets, and for those alone"
-            )
-        if self.drawn and self.num_envs % self.drawn:
-            raise ValueError(f"num_envs must be a multiple of drawn, {self.drawn}, got {self.num_envs}")
         if self.drawn and self.robot is not None:
             raise ValueError(f"robot must be none where robots are drawn, got {self.robot!r}")
-        if not self.drawn and min(count for count, _, _ in self.parts) < 1:
-            raise ValueError(f"num_envs is {self.num_envs}: too few robots for {len(self.parts)} worlds and paces")
-        if self.begins:
-            choose("begins", self.begins, EVERY)
-            if self.controller or not self.imitation or isinstance(self.learner, Sac) or self.drawn:
-                raise ValueError(
-                    f"begins is {self.begins!r}; a network that begins as an agent learns by PPO, for one robot, has "
-                    "no controller, and imitation > 0: the frames in which its value function is taught"
-                )
-        elif (self.imitation > 0) + (self.reach > 0.0) != (self.controller != ""):
-            raise ValueError(
-                f"controller is {self.controller!r} with imitation {self.imitation} and reach {self.reach}; a "
-                "controller either teaches (imitation > 0) or is added to (reach > 0)"
-            )
-        if self.controller:
-            # the generators of one that drives at random are nothing that a saved run could hold
-            choose("controller", self.controller, [name for name in POLICIES if name != "random"])
         if self.robot is not None:
             self._check_robot(robot_of(self.robot))
-        if isinstance(self.learner, Sac):
-            self._check_sac(self.learner)
         if self.paced and EVERY[self.task].observes != "path":
             raise ValueError(f"paced must be false where no path is followed, as in {self.task}")
         if self.shortest_ways and EVERY[self.task].observes != "goal":
             raise ValueError(f"shortest_ways must be false where a path is followed, as in {self.task}")
-        if self.guards and (not self.reach or self.actions.kind != "planar"):
-            raise ValueError("guards=true needs reach > 0 and actions.kind=planar: the network wants a velocity")
-        if not 0 <= self.imitation < self.steps:
-            raise ValueError(f"imitation must be from 0 to under steps, {self.steps}, got {self.imitation}")
-        if self.controller:
-            if self.features.observation not in make(self.controller).observes:
-                raise ValueError(f"controller {self.controller!r} does not read observations of {self.task}")
-            self.controller_at(self.speed)  # whether gains of it ship for the robot
-        if not self.hidden:
-            raise ValueError("hidden must be sizes of at least one layer, got none")
-        check_hidden(self.hidden)
 
     def _check_robot(self, robot: Robot) -> None:
         """Raises ValueError, naming the field of the data sheet, unless the scenarios and features fit a robot."""
@@ -187,18 +116,6 @@ class Preset(Gains):
             raise ValueError(
                 f"robot {robot.name!r} has sensors.angle {scan.angle!r} rad; agents of {self.task} see a scan over the "
                 f"full circle, {FULL_TURN!r} rad"
-            )
-
-    def _check_sac(self, sac: Sac) -> None:
-        """Raises ValueError unless the rest goes with SAC."""
-        if self.imitation:
-            raise ValueError(f"imitation must be 0 with SAC, which nobody teaches, got {self.imitation}")
-        if self.activation != "tanh":
-            raise ValueError(f"activation must be tanh with SAC, which squashes actions by it, got {self.activation}")
-        if sac.buffer_size < self.num_envs * self.horizon:
-            raise ValueError(
-                f"sac.buffer_size is {sac.buffer_size}; it must be at least one update, num_envs x horizon = "
-                f"{self.num_envs * self.horizon}"
             )
 
     @property
@@ -215,7 +132,7 @@ class Preset(Gains):
     @property
     def teams(self) -> list[int]:
         """Returns how many robots the teams have that are met, in order; none where there are no teams."""
-        names = [str(kwargs["scenario"]).partition("/")[0] for _, kwargs in self.worlds if self.task == "teams"]
+        names = [str(kwargs["scenario"]).partition("/")[0] for _, kwargs in self.shares if self.task == "teams"]
         return sorted({EVERY[self.task].families[name].team for name in names})
 
     def family_of(self, kwargs: Mapping[str, Any]) -> str:
@@ -223,31 +140,162 @@ class Preset(Gains):
         family, _, part = str(kwargs["scenario"]).partition("/")
         return family if part == "train" and family in EVERY[self.task].families else ""
 
+
+@dataclasses.dataclass(frozen=True)
+class Learning(Gains):
+    """The sizes of the network, the length of the run, and the algorithm with its numbers."""
+
+    steps: int = gain(6_000_000, "1", "frames of the run; at least num_envs x horizon", least=1, most=10**12)
+    horizon: int = gain(32, "1", "control periods between updates", least=1, most=2**16)
+    batch_size: int = gain(4096, "1", "frames of a gradient step", least=2, most=2**22)
+    hidden: tuple[int, ...] = gain((64, 64), "", "units of the hidden layers", words="a,b,... 1 to 16384")
+    activation: Literal["tanh", "relu"] = gain("tanh", "", "between the layers")
+    learning_rate: float = gain(1.5e-3, "1", "at the start", above=0.0)
+    final_learning_rate: float = gain(5e-5, "1", "at the end", least=0.0)
+    discount: float = gain(0.975, "1", "gamma", above=0.0, below=1.0)
+    algorithm: Ppo | Sac = Ppo()
+    validations: int = gain(12, "1", "in a run", least=1, most=100_000)
+    patience: int = gain(0, "1", "validations without a better one that end a run; 0: none do", most=100_000)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.hidden:
+            raise ValueError("hidden must be sizes of at least one layer, got none")
+        check_hidden(self.hidden)
+        if isinstance(self.algorithm, Sac) and self.activation != "tanh":
+            raise ValueError(f"activation must be tanh with SAC, which squashes actions by it, got {self.activation}")
+
+
+@dataclasses.dataclass(frozen=True)
+class Prior(Gains):
+    """What the network begins as or adds to: a controller that teaches it or drives with it, or an agent that ships."""
+
+    controller: str = gain("", "", "that teaches the network, or that it adds to", words="policy, empty")
+    controller_gains: Literal["default", "tuned", "shipped"] = gain(
+        "tuned", "", "of the controller; shipped: what agents there were taught with"
+    )
+    imitation: int = gain(0, "1", "frames in which the network is taught before PPO", most=10**12)
+    imitation_rate: float = gain(1e-3, "1", "learning rate of the teaching", least=0.0)
+    lessons: int = gain(0, "1", "that the teaching keeps and learns from again; 0: only the latest", most=MOST_LESSONS)
+    begins: str = gain("", "", "as whose agent, that ships, of robot and seed, it begins", words="task, empty")
+    reach: float = gain(0.0, "1", "share of its twists that the network adds; 0: it drives alone", least=0.0)
+    guards: bool = gain(False, "", "whether the controller keeps clear by what the network wants")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.begins:
+            choose("begins", self.begins, EVERY)
+        elif (self.imitation > 0) + (self.reach > 0.0) != (self.controller != ""):
+            raise ValueError(
+                f"controller is {self.controller!r} with imitation {self.imitation} and reach {self.reach}; a "
+                "controller either teaches (imitation > 0) or is added to (reach > 0)"
+            )
+        if self.controller:
+            # the generators of one that drives at random are nothing that a saved run could hold
+            choose("controller", self.controller, [name for name in POLICIES if name != "random"])
+
+
+_PART_OF = {  # which part of a preset has a field, in the order in which they are listed
+    field.name: part
+    for part, kind in (("worlds", Worlds), ("learning", Learning), ("prior", Prior))
+    for field in dataclasses.fields(kind)
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Preset(Gains):
+    """Worlds, what a network sees, does and is rewarded for in them, how it learns, and what it begins with.
+
+    `measured` says what runs of the committed preset showed: wall time and share of seeds that reach the bar.
+    """
+
+    name: str
+    bar: str  # what a seed must reach on validation
+    measured: str
+    worlds: Worlds
+    features: Features
+    actions: Actions
+    reward: Reward
+    learning: Learning = Learning()
+    prior: Prior = Prior()
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        worlds, learning, prior = self.worlds, self.learning, self.prior
+        update = self.frames_per_update
+        if learning.steps < update:
+            raise ValueError(
+                f"steps is {learning.steps}; it must be at least one update, num_envs x horizon = {update}"
+            )
+        if bool(worlds.drawn) != isinstance(self.features, SheetFeatures):
+            raise ValueError(
+                f"drawn is {worlds.drawn}; robots are drawn for features of data sheets, and for those alone"
+            )
+        if worlds.drawn and worlds.num_envs % worlds.drawn:
+            raise ValueError(f"num_envs must be a multiple of drawn, {worlds.drawn}, got {worlds.num_envs}")
+        if not worlds.drawn and min(count for count, _, _ in self.parts) < 1:
+            raise ValueError(f"num_envs is {worlds.num_envs}: too few robots for {len(self.parts)} worlds and paces")
+        if isinstance(learning.algorithm, Sac):
+            if prior.imitation:
+                raise ValueError(f"imitation must be 0 with SAC, which nobody teaches, got {prior.imitation}")
+            if learning.algorithm.buffer_size < update:
+                raise ValueError(
+                    f"sac.buffer_size is {learning.algorithm.buffer_size}; it must be at least one update, num_envs x "
+                    f"horizon = {update}"
+                )
+        if prior.begins and (prior.controller or not prior.imitation or worlds.drawn):
+            raise ValueError(
+                f"begins is {prior.begins!r}; a network that begins as an agent learns by PPO, for one robot, has "
+                "no controller, and imitation > 0: the frames in which its value function is taught"
+            )
+        if prior.guards and (not prior.reach or self.actions.kind != "planar"):
+            raise ValueError("guards=true needs reach > 0 and actions.kind=planar: the network wants a velocity")
+        if not 0 <= prior.imitation < learning.steps:
+            raise ValueError(f"imitation must be from 0 to under steps, {learning.steps}, got {prior.imitation}")
+        if prior.controller:
+            if self.features.observation not in make(prior.controller).observes:
+                raise ValueError(f"controller {prior.controller!r} does not read observations of {worlds.task}")
+            self.controller_at(worlds.speed)  # whether gains of it ship for the robot
+
+    def changed(self, **changes: Any) -> "Preset":
+        """Returns the preset with other values: of fields of its own, or of its parts, by their names alone."""
+        inside: dict[str, dict[str, Any]] = {}
+        for name in [each for each in changes if each in _PART_OF]:
+            inside.setdefault(_PART_OF[name], {})[name] = changes.pop(name)
+        parts = {part: dataclasses.replace(getattr(self, part), **new) for part, new in inside.items()}
+        return dataclasses.replace(self, **changes, **parts)
+
+    @property
+    def frames_per_update(self) -> int:
+        """Returns how many frames all robots together drive between two updates."""
+        return self.worlds.num_envs * self.learning.horizon
+
     @property
     def parts(self) -> list[tuple[int, Mapping[str, Any], float]]:
         """Returns the number of robots, the keyword arguments and the pace (m/s) of each part of the worlds."""
-        if self.drawn:
+        here = self.worlds
+        if here.drawn:
             return [
                 (
-                    self.num_envs // self.drawn,
-                    {**each.kwargs, "max_episode_steps": round(self.time_limit * each.size * self.speed / each.speed)},
+                    here.num_envs // here.drawn,
+                    {**each.kwargs, "max_episode_steps": round(here.time_limit * each.size * here.speed / each.speed)},
                     each.speed,
                 )
-                for each in draw_robots(self.drawn, self.holonomic)
+                for each in draw_robots(here.drawn, here.holonomic)
             ]
-        more = {"ends": "respawn"} if self.task in CROWDS else {}  # no robot waits for others
-        worlds = [(share / len(self.paces), self.env_kwargs(kwargs) | more) for share, kwargs in self.worlds]
-        asked = [(*world, pace) for world in worlds for pace in self.paces]
-        row = max(self.teams, default=1)  # robots that come and go together
-        counts = [round(share * self.num_envs / row) for share, _, _ in asked]
-        surplus = sum(counts) - self.num_envs // row
+        more = {"ends": "respawn"} if here.task in CROWDS else {}  # no robot waits for others
+        worlds = [(share / len(here.paces), self.env_kwargs(kwargs) | more) for share, kwargs in here.shares]
+        requested = [(*world, pace) for world in worlds for pace in here.paces]
+        row = max(here.teams, default=1)  # robots that come and go together
+        counts = [round(share * here.num_envs / row) for share, _, _ in requested]
+        surplus = sum(counts) - here.num_envs // row
         for k in range(abs(surplus)):  # of the rounding: one each from the first parts on, or one each to them
             counts[k] -= 1 if surplus > 0 else -1
-        return [(row * count, kwargs, pace) for count, (_, kwargs, pace) in zip(counts, asked, strict=True)]
+        return [(row * count, kwargs, pace) for count, (_, kwargs, pace) in zip(counts, requested, strict=True)]
 
     def env_kwargs(self, kwargs: Mapping[str, Any]) -> dict[str, Any]:
         """Returns keyword arguments of an environment with the robot, and with what the features need to see."""
-        robot = {} if self.robot is None else {"robot": self.robot}
+        robot = {} if self.worlds.robot is None else {"robot": self.worlds.robot}
         seen: dict[str, Any]
         if isinstance(self.features, SheetFeatures):
             seen = {}
@@ -271,30 +319,32 @@ class Preset(Gains):
             NotTuned: if there are no tuned ones for the robot, and "tuned" was asked for.
             ValueError: if the card of an agent that ships is damaged.
         """
-        if self.controller_gains == "default":
+        worlds, prior = self.worlds, self.prior
+        if prior.controller_gains == "default":
             return {}
         # of omni bases that are driven as a unicycle is, where any of a class is meant
-        robot = self.robot or ("omni4" if self.holonomic else "p3dx")
-        if self.controller_gains == "shipped":
-            for folder in shipped(self.task, robot).values():
+        robot = worlds.robot or ("omni4" if worlds.holonomic else "p3dx")
+        if prior.controller_gains == "shipped":
+            for folder in shipped(worlds.task, robot).values():
                 training = read_card(folder / CARD)["training"]
-                if training.get("taught_by") == self.controller:
+                if training.get("taught_by") == prior.controller:
                     return dict(training["taught_with"])
         try:
-            return tuned_gains(self.controller, EVERY[self.task].suite, robot)
+            return tuned_gains(prior.controller, EVERY[worlds.task].suite, robot)
         except NotTuned as error:
-            if self.controller_gains == "tuned":
+            if prior.controller_gains == "tuned":
                 raise NotTuned(f"controller_gains=default takes the controller's own: {error}") from None
             return {}
 
     @property
     def base(self) -> Base | None:
         """Returns the controller that the network adds to."""
-        return Base(self.controller, self.gains, self.reach, self.guards) if self.reach else None
+        prior = self.prior
+        return Base(prior.controller, self.gains, prior.reach, prior.guards) if prior.reach else None
 
     def controller_at(self, speed: float) -> Policy:
         """Returns the controller at a cruising speed (m/s)."""
-        return controller_at(self.controller, self.gains, speed)
+        return controller_at(self.prior.controller, self.gains, speed)
 
 
 _LAGGED, _SLOW = ({"scenario": "all/train", "actuators": tier} for tier in ("lagged", "slow"))
@@ -303,37 +353,39 @@ _SCAN = {"actuators": "lagged", "num_beams": 72, "max_range": 5.0}
 
 _PATH_PLAIN = Preset(
     name="path_following_plain",
-    env_ids=("wayfield/DiffDrivePathFollowing-v0",),
-    task="path_following",
-    worlds=(
-        (0.5, _LAGGED),
-        # the way from the start to the path makes up most of the error, and is rare in long episodes
-        (0.3, _LAGGED | {"max_episode_steps": 100}),
-        (0.2, _LAGGED | {"disturbance": "moderate"}),
-    ),
-    validation=_LAGGED | {"scenario": "all/validation"},
-    features=PathFeatures(previous=3),
-    actions=Actions("unicycle", 4.0),
-    reward=PathReward(),
     bar="cross-track RMS (IQM over all/validation, lagged, 0.6 m/s) under 0.0148 m, tuned pure pursuit's",
     measured="3 of 3 seeds reach it, but at 0.3 m/s, and 5 to 8 % of the paths are not driven to their end; 45 to "
     "48 s, two side by side on two idle cores",
-    steps=2_000_000,
-    paces=(0.4, 0.6, 0.8, 1.05),
-    validations=5,
+    worlds=Worlds(
+        env_ids=("wayfield/DiffDrivePathFollowing-v0",),
+        task="path_following",
+        shares=(
+            (0.5, _LAGGED),
+            # the way from the start to the path makes up most of the error, and is rare in long episodes
+            (0.3, _LAGGED | {"max_episode_steps": 100}),
+            (0.2, _LAGGED | {"disturbance": "moderate"}),
+        ),
+        validation=_LAGGED | {"scenario": "all/validation"},
+        paces=(0.4, 0.6, 0.8, 1.05),
+    ),
+    features=PathFeatures(previous=3),
+    actions=Actions("unicycle", 4.0),
+    reward=PathReward(),
+    learning=Learning(
+        steps=2_000_000,
+        validations=5,
+    ),
 )
 
 # The two that begin with a controller differ from it in nothing else: what the plain one needs does them no harm.
-_PATH_TAUGHT = dataclasses.replace(
-    _PATH_PLAIN,
+_PATH_TAUGHT = _PATH_PLAIN.changed(
     name="path_following",
     measured="3 of 3 seeds reach it, at 0.5 m/s; 57 to 58 s, as those",
     controller="regulated_pure_pursuit",
     imitation=500_000,
 )
 
-_PATH_ADDING = dataclasses.replace(
-    _PATH_PLAIN,
+_PATH_ADDING = _PATH_PLAIN.changed(
     name="path_following_residual",
     measured="3 of 3 seeds reach it, within the first fifth, at 0.5 m/s; 70 to 71 s, as those",
     controller="regulated_pure_pursuit",
@@ -341,8 +393,7 @@ _PATH_ADDING = dataclasses.replace(
 )
 
 # A reference by another algorithm: the same worlds, robots, frames, features, actions, reward and sizes of networks.
-_PATH_SAC = dataclasses.replace(
-    _PATH_PLAIN,
+_PATH_SAC = _PATH_PLAIN.changed(
     name="path_following_sac",
     measured="0 of 3 seeds reach it; past half of the run they drive 77 to 88 % of the paths to their end, at 0.15 to "
     "0.25 m/s, and then slow down until most are too late; 155 to 157 s, as those",
@@ -350,16 +401,15 @@ _PATH_SAC = dataclasses.replace(
     batch_size=256,
     learning_rate=1e-3,
     final_learning_rate=1e-3,
-    learner=Sac(),
+    algorithm=Sac(),
 )
 
 # Bases as slow as each tier, which the network has as inputs, and all speeds that the base can drive.
 # Quick ones need no lessons: an agent drives them as the quickest that it knows.
-_PATH_TIERS = dataclasses.replace(
-    _PATH_TAUGHT,
+_PATH_TIERS = _PATH_TAUGHT.changed(
     name="path_following_tiers",
     controller_gains="shipped",
-    worlds=(
+    shares=(
         (0.3, _LAGGED),
         (0.2, _LAGGED | _SHORT),
         (0.2, _LAGGED | {"disturbance": "moderate"}),
@@ -375,7 +425,7 @@ _PATH_TIERS = dataclasses.replace(
     steps=8_000_000,
     # larger steps forget what was taught
     learning_rate=5e-4,
-    learner=Ppo(log_std=-1.8),
+    algorithm=Ppo(log_std=-1.8),
     measured="10 of 10 seeds reach it and end after 118 to 152 s, four side by side on four cores; one that was also "
     "paced, 474 s on a busy machine",
     paces=(0.2, 0.4, 0.6, 0.8, 1.05, 1.2),
@@ -394,43 +444,48 @@ _DIFF_FEATURES = GoalFeatures(
 # A copy of a controller that sees the same, learned from what is kept of two million moments; PPO then makes it surer.
 _DIFF_GOAL = Preset(
     name="diff_drive_goal",
-    env_ids=("wayfield/DiffDriveGoalObstacles-v0",),
-    task="goal_reaching",
-    worlds=(
-        (0.4, _ALL_GOALS),
-        *((share, _SCAN | {"scenario": f"{family}/train"}) for family, share in _HARD_GOALS.items()),
-        (0.15, _ALL_GOALS | {"disturbance": "moderate"}),
-        (0.1, _ALL_GOALS | {"actuators": "slow"}),
+    bar="at least 92.5 % success and at most 2 % collisions on all/validation, lagged: what its teacher does there",
+    measured="10 of 10 seeds reach it, with 96 to 98 % and at most 1.5 %; 204 s on an idle core, to 1,180 on busy ones",
+    worlds=Worlds(
+        env_ids=("wayfield/DiffDriveGoalObstacles-v0",),
+        task="goal_reaching",
+        shares=(
+            (0.4, _ALL_GOALS),
+            *((share, _SCAN | {"scenario": f"{family}/train"}) for family, share in _HARD_GOALS.items()),
+            (0.15, _ALL_GOALS | {"disturbance": "moderate"}),
+            (0.1, _ALL_GOALS | {"actuators": "slow"}),
+        ),
+        validation=_SCAN | {"scenario": "all/validation"},
+        robot="p3dx",
+        arriving=True,
+        shortest_ways=True,
+        time_limit=600,
     ),
-    validation=_SCAN | {"scenario": "all/validation"},
     features=_DIFF_FEATURES,
     actions=Actions("unicycle", 2.0, reverse=0.5),
     reward=GoalReward(collision=150.0),
-    bar="at least 92.5 % success and at most 2 % collisions on all/validation, lagged: what its teacher does there",
-    measured="10 of 10 seeds reach it, with 96 to 98 % and at most 1.5 %; 204 s on an idle core, to 1,180 on busy ones",
-    robot="p3dx",
-    steps=3_200_000,
-    learner=Ppo(epochs=2, clip=0.15, log_std=-1.8),
-    hidden=(256, 256),
-    activation="relu",
-    learning_rate=2e-4,
-    final_learning_rate=3e-5,
-    discount=0.995,
-    validations=3,
-    controller="vfh_plus",
-    controller_gains="shipped",
-    imitation=2_200_000,
-    lessons=2**19,
-    arriving=True,
-    shortest_ways=True,
-    time_limit=600,
+    learning=Learning(
+        steps=3_200_000,
+        algorithm=Ppo(epochs=2, clip=0.15, log_std=-1.8),
+        hidden=(256, 256),
+        activation="relu",
+        learning_rate=2e-4,
+        final_learning_rate=3e-5,
+        discount=0.995,
+        validations=3,
+    ),
+    prior=Prior(
+        controller="vfh_plus",
+        controller_gains="shipped",
+        imitation=2_200_000,
+        lessons=2**19,
+    ),
 )
 
 # An omni base is driven as a differential drive is, which turns to where it goes: its heading tells which way round it
 # was going. First tries that drove sideways, with the goal ahead, came to 91 % of the validation scenarios (omni4,
 # taught by scan_planner), 88.5 and 95 % (omni3, by scan_planner and by VFH+).
-_OMNI4_GOAL = dataclasses.replace(
-    _DIFF_GOAL,
+_OMNI4_GOAL = _DIFF_GOAL.changed(
     name="omni4_goal",
     env_ids=("wayfield/OmniGoalObstacles-v0",),
     features=dataclasses.replace(_DIFF_FEATURES, hull_radius=ROBOTS["omni4"].hull_radius),
@@ -442,8 +497,7 @@ _OMNI4_GOAL = dataclasses.replace(
 )
 
 # A hull of 0.3 m fits through doors of 0.65 m: what keeps it two centimetres off keeps it out.
-_OMNI3_GOAL = dataclasses.replace(
-    _OMNI4_GOAL,
+_OMNI3_GOAL = _OMNI4_GOAL.changed(
     name="omni3_goal",
     features=dataclasses.replace(_DIFF_FEATURES, hull_radius=ROBOTS["omni3"].hull_radius, margin=0.01, gap=0.01),
     measured="10 of 10 seeds reach it, with 94 to 98 % and at most 2 %; 351 to 622 s on busy cores",
@@ -455,47 +509,51 @@ _OMNI3_GOAL = dataclasses.replace(
 # smooth_pose_backward, to 74 % in half.
 _DIFF_DOCK = Preset(
     name="diff_drive_dock",
-    env_ids=("wayfield/DiffDriveDocking-v0",),
-    task="docking",
-    worlds=(
-        (0.25, _SCAN | {"scenario": "all/train"}),
-        (0.15, _SCAN | {"scenario": "berth/train"}),
-        (0.15, _SCAN | {"scenario": "moving/train"}),
-        (0.15, _SCAN | {"scenario": "all/train", "disturbance": "moderate"}),
-        (0.2, _SCAN | {"scenario": "all/train", "actuators": "slow"}),
-        (0.1, _SCAN | {"scenario": "moving/train", "actuators": "slow"}),
+    bar="at least 80 % success on all/validation, lagged",
+    measured="5 of 5 seeds reach it, with 82 to 92 %; some 4 CPU minutes each, 560 to 1,850 s on a busy machine",
+    worlds=Worlds(
+        env_ids=("wayfield/DiffDriveDocking-v0",),
+        task="docking",
+        shares=(
+            (0.25, _SCAN | {"scenario": "all/train"}),
+            (0.15, _SCAN | {"scenario": "berth/train"}),
+            (0.15, _SCAN | {"scenario": "moving/train"}),
+            (0.15, _SCAN | {"scenario": "all/train", "disturbance": "moderate"}),
+            (0.2, _SCAN | {"scenario": "all/train", "actuators": "slow"}),
+            (0.1, _SCAN | {"scenario": "moving/train", "actuators": "slow"}),
+        ),
+        validation=_SCAN | {"scenario": "all/validation"},
+        conditions=((0.6, _SCAN | {"scenario": "all/validation", "actuators": "slow"}),),
+        robot="p3dx",
+        arriving=True,
+        shortest_ways=True,
+        time_limit=600,
     ),
-    validation=_SCAN | {"scenario": "all/validation"},
-    conditions=((0.6, _SCAN | {"scenario": "all/validation", "actuators": "slow"}),),
     features=DockFeatures(hull_radius=ROBOTS["p3dx"].hull_radius, frames=2, stride=5),
     actions=Actions("unicycle", 1.5, reverse=1.0),
     reward=GoalReward(),
-    bar="at least 80 % success on all/validation, lagged",
-    measured="5 of 5 seeds reach it, with 82 to 92 %; some 4 CPU minutes each, 560 to 1,850 s on a busy machine",
-    robot="p3dx",
-    steps=6_000_000,
-    discount=0.99,
-    learning_rate=7e-4,
-    learner=Ppo(log_std=-1.2, final_clip=0.1, target_kl=0.03),
-    controller="reeds_shepp",
-    controller_gains="default",
-    imitation=1_200_000,
-    arriving=True,
-    shortest_ways=True,
-    time_limit=600,
+    learning=Learning(
+        steps=6_000_000,
+        discount=0.99,
+        learning_rate=7e-4,
+        algorithm=Ppo(log_std=-1.2, final_clip=0.1, target_kl=0.03),
+    ),
+    prior=Prior(
+        controller="reeds_shepp",
+        controller_gains="default",
+        imitation=1_200_000,
+    ),
 )
 
 # as the goal seekers of omni bases: driven as a differential drive, for which the teacher's ways are
-_OMNI4_DOCK = dataclasses.replace(
-    _DIFF_DOCK,
+_OMNI4_DOCK = _DIFF_DOCK.changed(
     name="omni4_dock",
     env_ids=("wayfield/OmniDocking-v0",),
     features=DockFeatures(hull_radius=ROBOTS["omni4"].hull_radius, frames=2, stride=5),
     measured="5 of 5 seeds reach it, with 88 to 94 %; 271 to 534 s on busy cores",
     robot="omni4",
 )
-_OMNI3_DOCK = dataclasses.replace(
-    _OMNI4_DOCK,
+_OMNI3_DOCK = _OMNI4_DOCK.changed(
     name="omni3_dock",
     features=DockFeatures(hull_radius=ROBOTS["omni3"].hull_radius, frames=2, stride=5),
     measured="5 of 5 seeds reach it, with 86 to 90 %; 504 to 794 s on busy cores",
@@ -510,36 +568,41 @@ _TEAMS = {
 }  # fmt: skip
 _OMNI_TEAM = Preset(
     name="omni_team",
-    env_ids=("wayfield/OmniTeam-v0",),
-    task="teams",
-    worlds=tuple((share / 128, _SCAN | {"scenario": f"{name}/train"}) for name, share in _TEAMS.items()),
-    validation=_SCAN | {"scenario": "circle_8/validation"},
-    conditions=tuple(
-        (0.6, _SCAN | {"scenario": f"{name}/validation"})
-        for name in ("doorway_4", "corridor_8", "intersection_8", "bottleneck_8", "rooms_4")
+    bar="all robots of circle_8/validation, and more of those of doors and rooms than orca_team",
+    measured="three seeds bring 45 to 62.5 % of the robots of bottleneck_8, 55 to 62.5 % of those of rooms_4 and 35 to "
+    "45 % of those of doorway_4; 315 CPU seconds on a busy machine",
+    worlds=Worlds(
+        env_ids=("wayfield/OmniTeam-v0",),
+        task="teams",
+        shares=tuple((share / 128, _SCAN | {"scenario": f"{name}/train"}) for name, share in _TEAMS.items()),
+        validation=_SCAN | {"scenario": "circle_8/validation"},
+        conditions=tuple(
+            (0.6, _SCAN | {"scenario": f"{name}/validation"})
+            for name in ("doorway_4", "corridor_8", "intersection_8", "bottleneck_8", "rooms_4")
+        ),
+        robot="omni3",
+        shortest_ways=True,
+        time_limit=1200,
     ),
     features=TeamFeatures(hull_radius=ROBOTS["omni3"].hull_radius),
     actions=Actions("planar"),
     reward=TeamReward(),
-    bar="all robots of circle_8/validation, and more of those of doors and rooms than orca_team",
-    measured="three seeds bring 45 to 62.5 % of the robots of bottleneck_8, 55 to 62.5 % of those of rooms_4 and 35 to "
-    "45 % of those of doorway_4; 315 CPU seconds on a busy machine",
-    robot="omni3",
-    steps=6_000_000,
-    learner=Ppo(log_std=-1.6),
-    learning_rate=7e-4,
-    discount=0.99,
-    validations=4,
-    controller="orca_team",
-    controller_gains="default",
-    reach=1.5,
-    guards=True,
-    shortest_ways=True,
-    time_limit=1200,
+    learning=Learning(
+        steps=6_000_000,
+        algorithm=Ppo(log_std=-1.6),
+        learning_rate=7e-4,
+        discount=0.99,
+        validations=4,
+    ),
+    prior=Prior(
+        controller="orca_team",
+        controller_gains="default",
+        reach=1.5,
+        guards=True,
+    ),
 )
 
-_DIFF_TEAM = dataclasses.replace(
-    _OMNI_TEAM,
+_DIFF_TEAM = _OMNI_TEAM.changed(
     name="diff_drive_team",
     env_ids=("wayfield/DiffDriveTeam-v0",),
     measured="1 of 1 seed brings all robots of circle_8/validation, 72.5 % of those of doorway_4 (orca_team: 52.5), "
@@ -549,14 +612,13 @@ _DIFF_TEAM = dataclasses.replace(
 )
 
 # By the scan alone, as one robot among obstacles drives: others are a part of the scan that moves.
-_OMNI_SCAN = dataclasses.replace(
-    _OMNI3_GOAL,
+_OMNI_SCAN = _OMNI3_GOAL.changed(
     name="team_scan",
-    env_ids=_OMNI_TEAM.env_ids,
+    env_ids=_OMNI_TEAM.worlds.env_ids,
     task="teams",
-    worlds=_OMNI_TEAM.worlds,
-    validation=_OMNI_TEAM.validation,
-    conditions=_OMNI_TEAM.conditions,
+    shares=_OMNI_TEAM.worlds.shares,
+    validation=_OMNI_TEAM.worlds.validation,
+    conditions=_OMNI_TEAM.worlds.conditions,
     reward=TeamReward(),
     bar="more of the robots of circle_8/validation than vfh_plus",
     measured="three seeds bring all robots of circle_8/validation, 92.5 to 100 % of those of bottleneck_8 and 62.5 to "
@@ -574,12 +636,11 @@ _OMNI_SCAN = dataclasses.replace(
 
 # Half of the people see the robot, half do not. A network begins at what ORCA drives, and nothing holds it there: who
 # does not see it does nothing for it, so that half-planes that count on a velocity to last are no shield.
-_OMNI_PEOPLE = dataclasses.replace(
-    _OMNI_TEAM,
+_OMNI_PEOPLE = _OMNI_TEAM.changed(
     name="people",
     env_ids=("wayfield/OmniPeople-v0",),
     task="people",
-    worlds=(
+    shares=(
         (0.5, _SCAN | {"scenario": "crowdnav_5/train", "visible": False}),
         (0.1, _SCAN | {"scenario": "crowdnav_10/train", "visible": False}),
         (0.1, _SCAN | {"scenario": "attngraph_20/train", "visible": False}),
@@ -611,10 +672,9 @@ _OMNI_PEOPLE = dataclasses.replace(
 
 # Any robot of a kinematic class, told its data sheet: the goal seekers' way, on robots that are drawn. Its teacher is
 # the law that costs a fifth of scan_planner a decision, and the easier one to copy.
-_ANY_DIFF = dataclasses.replace(
-    _DIFF_GOAL,
+_ANY_DIFF = _DIFF_GOAL.changed(
     name="any_diff_drive_goal",
-    worlds=(),
+    shares=(),
     drawn=32,
     conditions=(
         (1.0, _SCAN | {"scenario": "all/validation", "actuators": "slow"}),
@@ -626,8 +686,7 @@ _ANY_DIFF = dataclasses.replace(
     robot=None,
     steps=3_000_000,
 )
-_ANY_OMNI = dataclasses.replace(
-    _ANY_DIFF,
+_ANY_OMNI = _ANY_DIFF.changed(
     name="any_omni_goal",
     env_ids=("wayfield/OmniGoalObstacles-v0",),
     measured="1 of 1 seed does not: 88 % on omni3, 2 % collide; below the plan of any_robot it loses 12 points to "
@@ -677,7 +736,7 @@ PRESETS = {
 
 def preset_ids() -> list[str]:
     """Returns the ids of the environments that have presets."""
-    return sorted({each for preset in PRESETS.values() for each in preset.env_ids})
+    return sorted({each for preset in PRESETS.values() for each in preset.worlds.env_ids})
 
 
 def preset_for(env_id: str, name: str | None) -> Preset:
@@ -690,7 +749,7 @@ def preset_for(env_id: str, name: str | None) -> Preset:
     if env_id not in ids:
         near = suggestion(env_id, ids)
         raise ValueError(f"environment {shown(env_id)} has no preset.{near} Choose from {', '.join(ids)}.")
-    fitting = [preset for preset in PRESETS.values() if env_id in preset.env_ids]
+    fitting = [preset for preset in PRESETS.values() if env_id in preset.worlds.env_ids]
     if name is None:
         return fitting[0]
     names = [preset.name for preset in fitting]
@@ -699,7 +758,7 @@ def preset_for(env_id: str, name: str | None) -> Preset:
         raise ValueError(f"preset {shown(name)} is unknown.{near} For {env_id}: {', '.join(names)}.")
     if name not in names:
         raise ValueError(
-            f"preset {name!r} is for {', '.join(PRESETS[name].env_ids)}. For {env_id}: {', '.join(names)}."
+            f"preset {name!r} is for {', '.join(PRESETS[name].worlds.env_ids)}. For {env_id}: {', '.join(names)}."
         )
     return PRESETS[name]
 
@@ -716,7 +775,7 @@ def overridden(preset: Preset, settings: Iterable[str]) -> Preset:
         if not equals:
             raise ValueError(f"--set {shown(setting)} must be key=value")
         name, *rest = _path(preset, key)
-        part = changes.get(name, vars(preset).get(name))
+        part = changes.get(name, getattr(_owner(preset, name), name, None))
         changes[name] = _new(preset, part, key, [name, *rest], text)
     try:
         if changes.get("robot") is not None:
@@ -724,7 +783,7 @@ def overridden(preset: Preset, settings: Iterable[str]) -> Preset:
             if features == preset.features and hasattr(features, "hull_radius"):
                 changes["features"] = dataclasses.replace(features, hull_radius=robot.hull_radius)
         # all at once: one may be right only beside another
-        return dataclasses.replace(preset, **changes)
+        return preset.changed(**changes)
     except OSError as error:
         raise ValueError(f"robot {changes['robot']!r} cannot be read: {unread(changes['robot'], error)}") from None
     except ValueError as error:
@@ -734,9 +793,10 @@ def overridden(preset: Preset, settings: Iterable[str]) -> Preset:
 def _path(preset: Preset, key: str) -> list[str]:
     """Returns the fields that a key names, from the preset on: the numbers of PPO are named without their learner."""
     names = key.split(".")
-    if isinstance(preset.learner, Sac):
-        return ["learner", *names[1:]] if names[0] == "sac" else names
-    return ["learner", *names] if names[0] in _fields(preset.learner) else names
+    algorithm = preset.learning.algorithm
+    if isinstance(algorithm, Sac):
+        return ["algorithm", *names[1:]] if names[0] == "sac" else names
+    return ["algorithm", *names] if names[0] in _fields(algorithm) else names
 
 
 def _new(owner: Any, value: Any, key: str, names: list[str], text: str) -> Any:
@@ -749,6 +809,7 @@ def _new(owner: Any, value: Any, key: str, names: list[str], text: str) -> Any:
     if not dataclasses.is_dataclass(value):
         if len(names) > 1:
             raise ValueError(f"key {shown(key)} is unknown: {names[0]} has no parts")
+        owner = _owner(owner, names[0]) if isinstance(owner, Preset) else owner
         return _parsed(key, text, typing.get_type_hints(type(owner))[names[0]])
     if len(names) == 1:
         inside = ", ".join(f"{key}.{name}" for name in _fields(value))
@@ -765,7 +826,7 @@ def settable(preset: Preset) -> dict[str, Gain]:
     found: dict[str, Gain] = {}
     for name in _known(preset):
         *inside, field = _path(preset, name)
-        owner = preset.learner if inside else preset
+        owner = preset.learning.algorithm if inside else _owner(preset, field)
         if dataclasses.is_dataclass(part := getattr(owner, field)):
             found |= {f"{name}.{key}": each for key, each in gains_of(part).items()}
         else:
@@ -777,22 +838,19 @@ def _fields(owner: Any) -> list[str]:
     return [field.name for field in dataclasses.fields(owner)]
 
 
+def _owner(preset: Preset, name: str) -> Any:
+    """Returns the part of a preset that has a field, or the preset."""
+    return getattr(preset, _PART_OF[name]) if name in _PART_OF else preset
+
+
 def _known(owner: Any) -> list[str]:
     """Returns the fields of a preset, or of a part of one, that a setting may name."""
-    names = [name for name in _fields(owner) if not _hidden(getattr(owner, name))]
     if not isinstance(owner, Preset):
-        return names
-    of_sac = isinstance(owner.learner, Sac)
-    # worlds are none, and so look like plain numbers, where robots are drawn
-    left_out = ("worlds", "name", "bar", "measured", "task", "env_ids", "conditions", *(_OF_TEACHING if of_sac else ()))
-    known = [name for name in names if name not in left_out]
-    place = known.index("learner")
-    return [*known[:place], *(["sac"] if of_sac else _fields(owner.learner)), *known[place + 1 :]]
-
-
-def _hidden(value: Any) -> bool:
-    """Returns whether a field is no plain number or text that a command line could give."""
-    return isinstance(value, Mapping) or (isinstance(value, tuple) and any(isinstance(v, str | tuple) for v in value))
+        return list(gains_of(owner))
+    algorithm = owner.learning.algorithm
+    own, left_out = (["sac"], _OF_TEACHING) if isinstance(algorithm, Sac) else (list(gains_of(algorithm)), ())
+    inside = [name for name in _PART_OF if name in gains_of(_owner(owner, name)) and name not in left_out]
+    return ["features", "actions", "reward", *inside, *own]
 
 
 def _parsed(key: str, text: str, kind: Any) -> Any:

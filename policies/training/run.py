@@ -38,9 +38,6 @@ LESSONS = 2**19  # as the goal seekers' presets have
 PACKAGES = ("wayfield", "gymnasium", "numpy", "numba", "torch", "stable-baselines3", "safetensors")
 
 
-_PLANNED = ("steps", "imitation", "num_envs", "horizon")
-
-
 @dataclasses.dataclass(frozen=True)
 class Plan:
     """What a run comes to in whole chunks, rollouts and updates."""
@@ -61,12 +58,18 @@ def plan_of(preset: Preset) -> Plan:
     A preset with the number of steps that it is listed with keeps the updates that the agents which ship had: an update
     more in some, for the frames that its imitation is longer by than asked were not counted.
     """
-    unit, taught = preset.num_envs * preset.horizon, 0
-    if preset.imitation:
-        taught = frames_taught(preset.imitation, preset.num_envs, preset.horizon, not preset.begins)
-    listed = all(getattr(preset, each) == getattr(PRESETS.get(preset.name), each, None) for each in _PLANNED)
-    rest = preset.steps - (preset.imitation if listed else taught)
+    worlds, learning, prior = preset.worlds, preset.learning, preset.prior
+    unit, taught = preset.frames_per_update, 0
+    if prior.imitation:
+        taught = frames_taught(prior.imitation, worlds.num_envs, learning.horizon, not prior.begins)
+    given = PRESETS.get(preset.name)
+    listed = given is not None and _lengths(given) == _lengths(preset)
+    rest = learning.steps - (prior.imitation if listed else taught)
     return Plan(taught, up_to(max(rest, 0), unit) // unit, unit)
+
+
+def _lengths(preset: Preset) -> tuple[int, ...]:
+    return preset.learning.steps, preset.prior.imitation, preset.worlds.num_envs, preset.learning.horizon
 
 
 @dataclasses.dataclass(frozen=True)
@@ -93,9 +96,9 @@ class Job:
             "env_id": self.env_id,
             "preset": self.preset.name,
             "settings": list(self.settings),
-            "steps": self.preset.steps,
+            "steps": self.preset.learning.steps,
             "seed": self.seed,
-            **self.preset.sheet,
+            **self.preset.worlds.sheet,
         }
 
 
@@ -182,7 +185,7 @@ def train(
     """
     check_folder(job)
     torch.set_num_threads(job.threads)
-    learner = LEARNERS[job.preset.learner.name](
+    learner = LEARNERS[job.preset.learning.algorithm.name](
         job.preset, job.env_id, job.seed
     )  # refuses what cannot be before anything is written
     with held(job.folder):
@@ -201,7 +204,7 @@ class _Run:
         state, self.note = checkpoints.last_state(job.folder) if job.resume else (None, "")
         self.updates = 0
         self.total = job.plan.updates
-        self.interval = max(1, round(self.total / preset.validations))
+        self.interval = max(1, round(self.total / preset.learning.validations))
         self.rows: list[dict[str, float]] = []
         self.seconds = 0.0
         self._computed, self._began = 0.0, time.process_time()  # s, before this process took it up; when it did
@@ -209,9 +212,9 @@ class _Run:
         self.best_row: dict[str, float] = {}
         self.measured: list[dict[str, Any]] = []  # of the best, in each condition
         self.cruises: dict[str, Any] = {}  # of the best
-        self.kwargs = preset.env_kwargs(preset.validation)
-        self.further = [(speed, preset.env_kwargs(kwargs)) for speed, kwargs in preset.conditions]
-        self.clock = EVERY[preset.task].clock
+        self.kwargs = preset.env_kwargs(preset.worlds.validation)
+        self.further = [(speed, preset.env_kwargs(kwargs)) for speed, kwargs in preset.worlds.conditions]
+        self.clock = EVERY[preset.worlds.task].clock
         if state is not None:
             try:
                 self._restore(*state)
@@ -229,7 +232,7 @@ class _Run:
     def go(self, report: Callable[[Report], None], interrupted: Callable[[], bool]) -> Report:
         if self.learner.teaching is not None:
             self._teach(report, interrupted)
-        if self.learner.teaching is None and self.preset.imitation and not self.rows:
+        if self.learner.teaching is None and self.preset.prior.imitation and not self.rows:
             self._validate(dict.fromkeys(("reward", *self.learner.LOGGED), math.nan))  # what was taught may be the best
             self._save()
             last = dataclasses.replace(self._report(self.rows[-1]), error=self._useless_clone())
@@ -269,20 +272,20 @@ class _Run:
 
     def _useless_clone(self) -> str:
         """Returns a line that says that the clone hardly ever succeeds where its teacher does; "" if it is not so."""
-        preset, clone = self.preset, self.rows[-1]["success"]
-        if clone >= USELESS or preset.begins:
+        preset, prior, clone = self.preset, self.preset.prior, self.rows[-1]["success"]
+        if clone >= USELESS or prior.begins:
             return ""
-        teacher = preset.controller_at(preset.speed)
+        teacher = preset.controller_at(preset.worlds.speed)
         there = validate(teacher, self.job.env_id, self.kwargs, self.clock).success
         if there < WORTH:
             return ""
-        given = PRESETS.get(preset.name, preset)
-        frames = given.imitation if given.imitation > preset.imitation else 2 * preset.imitation
-        lessons = given.lessons if given.lessons > preset.lessons else max(2 * preset.lessons, LESSONS)
+        given = PRESETS.get(preset.name, preset).prior
+        frames = given.imitation if given.imitation > prior.imitation else 2 * prior.imitation
+        lessons = given.lessons if given.lessons > prior.lessons else max(2 * prior.lessons, LESSONS)
         return (
-            f"stopped before PPO: the clone of {preset.controller} has {clone:.0%} success on "
-            f"validation, {preset.controller} {there:.0%}; begin anew with --set imitation={frames} (now "
-            f"{preset.imitation}) or --set lessons={min(lessons, MOST_LESSONS)} (now {preset.lessons}), or insist with "
+            f"stopped before PPO: the clone of {prior.controller} has {clone:.0%} success on "
+            f"validation, {prior.controller} {there:.0%}; begin anew with --set imitation={frames} (now "
+            f"{prior.imitation}) or --set lessons={min(lessons, MOST_LESSONS)} (now {prior.lessons}), or insist with "
             "--resume"
         )
 
@@ -293,7 +296,7 @@ class _Run:
 
     def _given_up(self) -> bool:
         """Returns whether the last `patience` validations brought nothing better."""
-        patience = self.preset.patience
+        patience = self.preset.learning.patience
         return bool(patience and self.rows and self.updates - self.best_row["updates"] >= patience * self.interval)
 
     def _report(self, row: Mapping[str, float] | None) -> Report:
@@ -303,14 +306,14 @@ class _Run:
     def _validate(self, logged: Mapping[str, float]) -> None:
         began = time.perf_counter()
         layers = self.learner.layers()
-        network = Network.of(layers, self.preset.activation)
+        network = Network.of(layers, self.preset.learning.activation)
         card = self._card(layers, {}, [], {})
         preset = self.preset
-        agent = Agent(network, preset.features, preset.actions, card, preset.speed, preset.base)
-        result = cruises(agent) if preset.paced else {}
+        agent = Agent(network, preset.features, preset.actions, card, preset.worlds.speed, preset.base)
+        result = cruises(agent) if preset.worlds.paced else {}
         agent = dataclasses.replace(agent, card=card | {"cruises": result})
         scores, measured = [], []
-        for speed, kwargs in ((preset.speed, self.kwargs), *self.further):
+        for speed, kwargs in ((preset.worlds.speed, self.kwargs), *self.further):
             scores.append(validate(dataclasses.replace(agent, speed=speed), self.job.env_id, kwargs, self.clock))
             measured.append(measurement(speed, kwargs, dataclasses.asdict(scores[-1])))
         score = dataclasses.replace(scores[0], score=sum(each.score for each in scores) / len(scores))
@@ -380,15 +383,15 @@ class _Run:
         preset, task = self.preset, self.learner.env.worlds.task
         more: dict[str, Any] = {"cruises": dict(paces)} if paces else {}
         began: dict[str, Any] = {}
-        if preset.begins:
-            began = {"began_as": f"{preset.begins}, {preset.robot}, seed {self.job.seed}"}
-        elif preset.imitation:  # a controller that it adds to is its `base`, and teaches nothing
-            began = {"taught_by": preset.controller, "taught_with": preset.gains}
+        if preset.prior.begins:
+            began = {"began_as": f"{preset.prior.begins}, {preset.worlds.robot}, seed {self.job.seed}"}
+        elif preset.prior.imitation:  # a controller that it adds to is its `base`, and teaches nothing
+            began = {"taught_by": preset.prior.controller, "taught_with": preset.gains}
         name = f"{preset.name}, seed {self.job.seed}"
         return described_agent(preset, task, self.job.env_id, self.kwargs, name, layers) | {
             "training": {
                 **self.job.described(),
-                "algorithm": preset.learner.name,
+                "algorithm": preset.learning.algorithm.name,
                 **began,
                 "command": self.job.command,
                 "frames": int(row.get("frames", 0)),
@@ -420,19 +423,19 @@ def trained_on(preset: Preset, briefings: Sequence[Briefing] = ()) -> dict[str, 
     Args:
         briefings: of the parts of the worlds, needed where robots are drawn.
     """
-    if preset.drawn:
+    if preset.worlds.drawn:
         parts = preset.parts
         told = [numbers_of(each, pace) for each, (_, _, pace) in zip(briefings, parts, strict=True)]
         ranges = {name: [min(each[name] for each in told), max(each[name] for each in told)] for name in SHEET}
         noise = list(dict.fromkeys(str(kwargs["disturbance"]) for _, kwargs, _ in parts))
-        return {"ranges": ranges, "robots": preset.drawn, "disturbances": noise}
-    worlds = [preset.env_kwargs(kwargs) for _, kwargs in preset.worlds]
+        return {"ranges": ranges, "robots": preset.worlds.drawn, "disturbances": noise}
+    worlds = [preset.env_kwargs(kwargs) for _, kwargs in preset.worlds.shares]
     tiers = [str(kwargs.get("actuators", "ideal")) for kwargs in worlds]
     levels = [str(kwargs.get("disturbance", "none")) for kwargs in worlds]
-    return ({"teams": preset.teams} if preset.teams else {}) | {
+    return ({"teams": preset.worlds.teams} if preset.worlds.teams else {}) | {
         "actuators": list(dict.fromkeys(tiers)),
         "disturbances": list(dict.fromkeys(levels)),
-        "speeds": list(preset.paces),
+        "speeds": list(preset.worlds.paces),
         "beams": sorted({int(kwargs["num_beams"]) for kwargs in worlds if "num_beams" in kwargs}),
     }
 
@@ -448,18 +451,18 @@ def described_agent(
         "name": name,
         "env_id": env_id,
         "env_kwargs": dict(kwargs),
-        "task": preset.task,
-        "robots": [task.robot.name] if not preset.drawn else [f"any {ANY[len(task.robot.twist_axes)]}"],
-        "sheets": {task.robot.name: task.robot.digest} if not preset.drawn else {},
+        "task": preset.worlds.task,
+        "robots": [task.robot.name] if not preset.worlds.drawn else [f"any {ANY[len(task.robot.twist_axes)]}"],
+        "sheets": {task.robot.name: task.robot.digest} if not preset.worlds.drawn else {},
         "dt": task.options.dt,
-        "speed": preset.speed,
+        "speed": preset.worlds.speed,
         "observation": list(preset.features.fields),
         "features": dataclasses.asdict(preset.features),
         "actions": dataclasses.asdict(preset.actions),
         **({} if preset.base is None else {"base": dataclasses.asdict(preset.base)}),
         "network": {
             "hidden": [len(bias) for _, bias in layers[:-1]],
-            "activation": preset.activation,
+            "activation": preset.learning.activation,
             "num_twist": len(task.robot.twist_axes),
             "parameters": sum(weight.size + bias.size for weight, bias in layers),
         },

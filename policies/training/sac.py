@@ -30,38 +30,38 @@ class SacLearner(Learner):
         return self.sac
 
     def _make(self) -> None:
-        preset, own = self.preset, self.preset.learner
+        learning, own = self.preset.learning, self.preset.learning.algorithm
         assert isinstance(own, Sac)
         self.sac = SAC(
             "MlpPolicy",
             self._timed,
-            learning_rate=anneal(preset.learning_rate, preset.final_learning_rate),
+            learning_rate=anneal(learning.learning_rate, learning.final_learning_rate),
             buffer_size=own.buffer_size,
             learning_starts=own.learning_starts,
-            batch_size=preset.batch_size,
+            batch_size=learning.batch_size,
             tau=own.target_rate,
-            gamma=preset.discount,
-            train_freq=preset.horizon,
+            gamma=learning.discount,
+            train_freq=learning.horizon,
             gradient_steps=own.gradient_steps,
             # its default is 1 for rewards as they are; these are multiplied by 1 - discount
-            ent_coef=f"auto_{1.0 - preset.discount}",
-            policy_kwargs={"net_arch": list(preset.hidden), "activation_fn": torch.nn.Tanh},
+            ent_coef=f"auto_{1.0 - learning.discount}",
+            policy_kwargs={"net_arch": list(learning.hidden), "activation_fn": torch.nn.Tanh},
             seed=self.seed,
             device="cpu",
             verbose=0,
         )
 
     def _kept(self) -> tuple[int, str]:
-        assert isinstance(self.preset.learner, Sac)
-        return 2 * self.preset.learner.buffer_size, "2 x sac.buffer_size"  # before a step and after it
+        assert isinstance(self.preset.learning.algorithm, Sac)
+        return 2 * self.preset.learning.algorithm.buffer_size, "2 x sac.buffer_size"  # before a step and after it
 
     def _collect(self) -> float:
         replay, starts = self.sac.replay_buffer, self.sac.learning_starts
         assert replay is not None
         first = replay.pos
-        periods = TrainFreq(self.preset.horizon, TrainFrequencyUnit.STEP)
+        periods = TrainFreq(self.preset.learning.horizon, TrainFrequencyUnit.STEP)
         self.sac.collect_rollouts(self._timed, self._callback, periods, replay, learning_starts=starts)
-        rows = (first + np.arange(self.preset.horizon)) % replay.buffer_size
+        rows = (first + np.arange(self.preset.learning.horizon)) % replay.buffer_size
         return float(replay.rewards[rows].mean())
 
     def _learn(self) -> None:

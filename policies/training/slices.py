@@ -50,9 +50,9 @@ def train_slice(piece: Slice) -> tuple[Report, dict[str, bytes]]:
             (folder / name).write_bytes(content)
         job = dataclasses.replace(piece.job, folder=folder, resume=RUN in piece.files)
         if piece.sheet is not None:
-            sheet = Path(scratch) / Path(str(job.preset.robot)).name
+            sheet = Path(scratch) / Path(str(job.preset.worlds.robot)).name
             sheet.write_bytes(piece.sheet)
-            job = dataclasses.replace(job, preset=dataclasses.replace(job.preset, robot=str(sheet)))
+            job = dataclasses.replace(job, preset=job.preset.changed(robot=str(sheet)))
         last = train(
             job,
             lambda report: validated.append(report.row is not None),
@@ -84,7 +84,7 @@ def train_far(
     for job in jobs:
         check_folder(job)
     # a run takes its turn behind all others, so that few workers share many runs out evenly
-    robot = jobs[0].preset.robot
+    robot = jobs[0].preset.worlds.robot
     sheet = Path(robot).read_bytes() if robot is not None and robot not in ROBOTS else None
     waiting = collections.deque(Slice(job, files_of(job.folder) if job.resume else {}, seconds, sheet) for job in jobs)
     handed: list[Slice] = []

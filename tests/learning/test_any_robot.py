@@ -165,7 +165,7 @@ def test_a_run_on_drawn_robots_goes_on_bit_for_bit() -> None:
 
     small = ["drawn=4", "num_envs=16", "horizon=24", "steps=768", "hidden=8", "time_limit=30", "imitation=384"]
     preset = overridden(PRESETS["any_diff_drive_goal"], small)
-    first, second = (PpoLearner(preset, preset.env_ids[0], 0) for _ in range(2))
+    first, second = (PpoLearner(preset, preset.worlds.env_ids[0], 0) for _ in range(2))
     first.update()
     state = first.state()
     expected = [first.update() for _ in range(2)]

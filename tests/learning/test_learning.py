@@ -29,9 +29,8 @@ from wayfield.policies.training.validation import validate
 PATH, OMNI = "wayfield/DiffDrivePathFollowing-v0", "wayfield/OmniGoalObstacles-v0"
 DT = 0.05  # s
 
-FOLLOWING = dataclasses.replace(
-    PRESETS["path_following_plain"],
-    worlds=((0.5, {"scenario": "s_curve"}), (0.5, {"scenario": "circle", "noise": 1.0, "actuators": "slow"})),
+FOLLOWING = PRESETS["path_following_plain"].changed(
+    shares=((0.5, {"scenario": "s_curve"}), (0.5, {"scenario": "circle", "noise": 1.0, "actuators": "slow"})),
     validation={"scenario": "s_curve", "actuators": "lagged"},
     features=PathFeatures(previous=3, limits=True),
     reward=PathReward(chatter_cost=0.5),
@@ -39,17 +38,16 @@ FOLLOWING = dataclasses.replace(
     num_envs=16,
     horizon=8,
     batch_size=64,
-    learner=Ppo(epochs=1),
+    algorithm=Ppo(epochs=1),
     hidden=(8,),
     steps=16 * 8 * 6,
     validations=3,
     time_limit=15,
 )
 # all that a robot can remember: actions, trails, crumbs, frames, and what its controller does
-SEEKING = dataclasses.replace(
-    FOLLOWING,
+SEEKING = FOLLOWING.changed(
     task="goal_reaching",
-    worlds=(
+    shares=(
         (0.5, {"scenario": "discs", "num_beams": 24, "max_range": 5.0}),
         (0.5, {"scenario": "discs", "num_beams": 24, "max_range": 5.0, "max_episode_steps": 11}),
     ),
@@ -80,7 +78,7 @@ def test_a_row_sees_what_an_agent_sees_that_began_with_its_episode(env_id: str, 
     perception, layout = env.perception, env.worlds.task.layout
     memory = perception.fresh(env.num_envs)
     paces = np.repeat([pace for _, _, pace in preset.parts], [count for count, _, _ in preset.parts])
-    pilots = env.make_pilots(preset.controller_at) if preset.reach else []
+    pilots = env.make_pilots(preset.controller_at) if preset.prior.reach else []
     limits = np.concatenate(
         [[limits_of(preset.features, part.task.options.actuators)] * part.num_envs for part in env.worlds.parts]
     )
@@ -89,7 +87,7 @@ def test_a_row_sees_what_an_agent_sees_that_began_with_its_episode(env_id: str, 
         return layout.unpack(observations.astype(np.float64))
 
     rng, ends = np.random.default_rng(0), 0
-    for _ in range(3 * preset.time_limit + 5):
+    for _ in range(3 * preset.worlds.time_limit + 5):
         asked = env.ask(pilots) if pilots else None
         expected, _ = perception.inputs(fields(env.observations), paces, memory, asked, limits)
         np.testing.assert_array_equal(inputs, expected)
@@ -110,12 +108,12 @@ def test_a_row_sees_what_an_agent_sees_that_began_with_its_episode(env_id: str, 
 
 def test_only_the_clock_truncates() -> None:
     """Straight on, the circle's corridor is left in a certain step; a clock that runs out in it changes nothing."""
-    preset = dataclasses.replace(
-        FOLLOWING, worlds=((1.0, {"scenario": "circle"}),), paces=(0.6,), num_envs=1, horizon=64, time_limit=1000
+    preset = FOLLOWING.changed(
+        shares=((1.0, {"scenario": "circle"}),), paces=(0.6,), num_envs=1, horizon=64, time_limit=1000
     )
 
     def first_end(clock: int) -> tuple[int, dict[str, Any]]:
-        env, _ = begun(dataclasses.replace(preset, time_limit=clock), PATH)
+        env, _ = begun(preset.changed(time_limit=clock), PATH)
         for step in range(1, clock + 1):
             _, _, ended, infos = env.step(np.array([[1.0, 0.0]]))
             if ended[0]:
@@ -192,7 +190,7 @@ def test_rows_are_paid_at_their_own_pace_for_what_the_world_tells(env_id: str, p
     before, before_that = np.zeros((2, env.num_envs, 2), np.float32)
     paces = np.repeat([pace for _, _, pace in preset.parts], [count for count, _, _ in preset.parts])
     ends = 0
-    for _ in range(2 * preset.time_limit):
+    for _ in range(2 * preset.worlds.time_limit):
         actions = rng.uniform(-2.0, 2.0, (env.num_envs, 2)).astype(np.float32)
         left = None if env.ways is None else env.ways(env.worlds)
         _, rewards, ended, _ = env.step(actions)
@@ -203,7 +201,7 @@ def test_rows_are_paid_at_their_own_pace_for_what_the_world_tells(env_id: str, p
             # where the next episode has begun, the way that was left is not known any more
             told["progress"] = np.where(ended, np.minimum(told["progress"], 0.1), left - env.ways(env.worlds))
         changes = np.square([actions - before, actions - 2.0 * before + before_that]).sum(axis=2)
-        expected = preset.reward(told, paces, changes, DT, 0.3) * (1.0 - preset.discount)
+        expected = preset.reward(told, paces, changes, DT, 0.3) * (1.0 - preset.learning.discount)
         np.testing.assert_allclose(rewards, expected, rtol=1e-5, atol=1e-6)
         before_that = np.where(ended[:, None], np.float32(0.0), before)
         before = np.where(ended[:, None], np.float32(0.0), actions)
@@ -221,7 +219,7 @@ def test_rows_are_paid_at_their_own_pace_for_what_the_world_tells(env_id: str, p
 )  # fmt: skip
 def test_robots_are_shared_out_to_the_worlds_and_paces(shares: list[float], paces: list[float], num_envs: int) -> None:
     worlds = tuple((share / sum(shares), {"num_preview": k}) for k, share in enumerate(shares))
-    parts = dataclasses.replace(FOLLOWING, worlds=worlds, paces=tuple(paces), num_envs=num_envs, steps=10**6).parts
+    parts = FOLLOWING.changed(shares=worlds, paces=tuple(paces), num_envs=num_envs, steps=10**6).parts
     assert sum(count for count, _, _ in parts) == num_envs
     asked = [(share / len(paces) * num_envs, kwargs, pace) for share, kwargs in worlds for pace in paces]
     for (count, kwargs, pace), (wanted, asked_kwargs, asked_pace) in zip(parts, asked, strict=True):
@@ -232,8 +230,8 @@ def test_robots_are_shared_out_to_the_worlds_and_paces(shares: list[float], pace
 def test_a_world_s_own_arguments_go_before_those_of_all() -> None:
     """Its clock and its robot, where it says so; the preset's elsewhere, and the pace of its part."""
     own = {"scenario": "circle", "max_episode_steps": 7, "robot": "turtlebot3", "actuators": "slow"}
-    preset = dataclasses.replace(
-        FOLLOWING, worlds=((0.5, {"scenario": "s_curve"}), (0.5, own)), time_limit=9, robot="p3dx", paces=(0.2, 0.3)
+    preset = FOLLOWING.changed(
+        shares=((0.5, {"scenario": "s_curve"}), (0.5, own)), time_limit=9, robot="p3dx", paces=(0.2, 0.3)
     )
     env = make_worlds(preset, PATH)
     slow = ROBOTS["turtlebot3"].actuators("slow")

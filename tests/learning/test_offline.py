@@ -1,6 +1,5 @@
 """Agents from data: a network sees in a recorded set what it would have seen driving, and learns what it should."""
 
-import dataclasses
 import itertools
 from pathlib import Path
 from types import SimpleNamespace
@@ -56,7 +55,7 @@ def test_a_network_sees_in_the_data_what_it_saw_when_it_drove(recorded: Path) ->
         agent = load_agent(folder)
         assert agent.features == PRESET.features
         told = commanded_speed(agent.card["cruises"]["lagged"], agent.speed, 1.2)
-        steps = transitions(data, task_of(data), dataclasses.replace(PRESET, speed=told))
+        steps = transitions(data, task_of(data), PRESET.changed(speed=told))
         errors = np.abs(np.clip(agent.network(steps.inputs), -1.0, 1.0) - steps.actions).max(axis=1)
         drove |= {(k, seed) for k in range(3) if errors[rows == k].max() < 2e-5}
     assert sorted(k for k, _ in drove) == [0, 1, 2]
@@ -133,7 +132,7 @@ def test_better_actions_than_the_mean_of_the_recorded_ones_are_found_by_value_al
     actions = rng.uniform(-1.0, 1.0, (n, 2)).astype(np.float32)
     rewards = -((actions - 0.6) ** 2).sum(axis=1)
     steps = Transitions(inputs, actions, rewards, inputs, np.zeros(n, np.float32))
-    small = dataclasses.replace(PRESET, hidden=(32, 32))
+    small = PRESET.changed(hidden=(32, 32))
     found = {}
     for name in offline.ALGORITHMS:
         *_, (_, _, layers) = offline.LEARNERS[name](steps, small, 1000, 0)
@@ -165,7 +164,7 @@ def test_gradient_steps_are_those_of_the_equations(activation: str) -> None:
     numbers = [rng.normal(size=size).astype(np.float32) for size in ((n, 3), (n, 2), (n,), (n, 3))]
     numbers[1] = np.tanh(numbers[1])
     steps = Transitions(*numbers, (rng.random(n) < 0.7).astype(np.float32))
-    preset = dataclasses.replace(PRESET, hidden=(6, 5), activation=activation, discount=0.9)
+    preset = PRESET.changed(hidden=(6, 5), activation=activation, discount=0.9)
     between = {"tanh": torch.tanh, "relu": torch.relu}[activation]
     data = [torch.from_numpy(each) for each in steps]
     for name in offline.ALGORITHMS:
@@ -228,7 +227,7 @@ def test_what_ends_the_task_is_left_alone_though_it_pays_as_well_as_anything_els
     actions = rng.uniform(-1.0, 1.0, (n, 2)).astype(np.float32)
     rewards = (1.0 + 0.2 * rng.standard_normal(n)).astype(np.float32)
     going_on = (actions[:, 0] < 0.0).astype(np.float32)
-    small = dataclasses.replace(PRESET, hidden=(32, 32))
+    small = PRESET.changed(hidden=(32, 32))
     *_, (_, _, layers) = offline.improved(Transitions(inputs, actions, rewards, inputs, going_on), small, 600, 0)
     hidden = inputs[:1]
     for k, (weight, bias) in enumerate(layers):
@@ -258,7 +257,7 @@ def test_a_seed_gives_one_agent_that_drives_and_is_not_overwritten(recorded: Pat
     assert training["steps"] == data.total_steps  # frames that it has seen
     assert training["data"]["digest"] == data.storage.metadata[offline.KEY]["digest"]
     # judged on the robot that was recorded, where its preset is judged
-    assert agent.card["env_kwargs"] == {**PRESETS[training["preset"]].validation, "robot": "p3dx"}
+    assert agent.card["env_kwargs"] == {**PRESETS[training["preset"]].worlds.validation, "robot": "p3dx"}
     assert agent.card["robots"] == ["p3dx"]
     again = CliRunner().invoke(offline.main, [*words, str(tmp_path / "a")])
     assert again.exit_code == 2

@@ -47,7 +47,7 @@ def test_seeds_of_each_kind_ship_and_are_small() -> None:
         assert list(shipped(*kind)) == list(range(FEWER.get(kind[0], 10))), kind
         for folder in shipped(*kind).values():  # what its preset teaches with today, whatever was tuned since
             training = read_card(folder / "card.json")["training"]
-            assert PRESETS[training["preset"]].controller == training["taught_by"]
+            assert PRESETS[training["preset"]].prior.controller == training["taught_by"]
             assert PRESETS[training["preset"]].gains == training["taught_with"]
     home = Path(str(resources.files("wayfield.policies"))) / "agents"
     assert sum(file.stat().st_size for file in home.rglob("*") if file.is_file()) < 20_500_000
@@ -65,13 +65,15 @@ def test_each_loads_and_its_card_says_how_it_was_made(task: str, robot: str, see
     # by a preset that trains the same today: who trains anew gets what ships
     card, preset = agent.card, PRESETS[agent.card["training"]["preset"]]
     assert (agent.features, agent.actions, agent.base) == (preset.features, preset.actions, preset.base)
-    assert (agent.speed, agent.network.activation) == (preset.speed, preset.activation)
-    assert tuple(card["network"]["hidden"]) == preset.hidden
-    assert card["training"]["steps"] == preset.steps
+    assert (agent.speed, agent.network.activation) == (preset.worlds.speed, preset.learning.activation)
+    assert tuple(card["network"]["hidden"]) == preset.learning.hidden
+    assert card["training"]["steps"] == preset.learning.steps
     assert not card["training"]["settings"]
     assert card["trained_on"] == trained_on(preset)
-    assert (card["task"], card["env_id"] in preset.env_ids) == (preset.task, True)
-    assert card["env_kwargs"] == {**preset.validation} | ({} if preset.robot is None else {"robot": preset.robot})
+    assert (card["task"], card["env_id"] in preset.worlds.env_ids) == (preset.worlds.task, True)
+    assert card["env_kwargs"] == {**preset.worlds.validation} | (
+        {} if preset.worlds.robot is None else {"robot": preset.worlds.robot}
+    )
     # and it was measured wherever an agent of its task is today
     assert [(each["asked_speed"], each["env_kwargs"]) for each in card["measured"]] == conditions(agent)
 

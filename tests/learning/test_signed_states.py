@@ -15,20 +15,18 @@ from wayfield.policies.training.presets import PRESETS, Ppo, Preset
 from wayfield.policies.training.run import Job, train
 
 TINY: dict[str, Any] = {"num_envs": 4, "horizon": 4, "batch_size": 16, "steps": 48, "paces": (0.6,), "validations": 1}
-PATH = dataclasses.replace(
-    PRESETS["path_following_plain"],
-    worlds=((1.0, {"scenario": "s_curve", "noise": 1.0}),),
+PATH = PRESETS["path_following_plain"].changed(
+    shares=((1.0, {"scenario": "s_curve", "noise": 1.0}),),
     validation={"scenario": "s_curve"},
     conditions=(),
-    learner=Ppo(epochs=1),
+    algorithm=Ppo(epochs=1),
     **TINY,
 )
-GOAL = dataclasses.replace(
-    PRESETS["diff_drive_goal"],
-    worlds=((1.0, {"scenario": "clutter_10/train"}),),
+GOAL = PRESETS["diff_drive_goal"].changed(
+    shares=((1.0, {"scenario": "clutter_10/train"}),),
     validation={"scenario": "clutter_10/train"},
     conditions=(),
-    learner=Ppo(epochs=1),
+    algorithm=Ppo(epochs=1),
     controller="",
     imitation=0,
     shortest_ways=False,
@@ -39,7 +37,7 @@ VAST = 10**12
 
 def saved(preset: Preset, folder: Path) -> Job:
     """Returns a job that goes on from the state of a run that has begun."""
-    job = Job(preset.env_ids[0], preset, (), 0, folder)
+    job = Job(preset.worlds.env_ids[0], preset, (), 0, folder)
     folder.mkdir()
     checkpoints.write_run(folder, job.described())
     learner = PpoLearner(preset, job.env_id, 0)
@@ -76,10 +74,10 @@ def test_a_state_that_no_robot_can_have_is_refused_in_a_line(
 @pytest.mark.parametrize("preset", [PATH, GOAL])
 def test_a_state_as_it_was_saved_goes_on_to_the_same_bits(preset: Preset, tmp_path: Path) -> None:
     del tmp_path
-    first = PpoLearner(preset, preset.env_ids[0], 0)
+    first = PpoLearner(preset, preset.worlds.env_ids[0], 0)
     first.update()
     kept = first.state()
-    again = PpoLearner(preset, preset.env_ids[0], 1)
+    again = PpoLearner(preset, preset.worlds.env_ids[0], 1)
     again.restore(*kept)
     for learner in (first, again):
         if learner is again:

@@ -60,7 +60,7 @@ def agent_of(env: Any, layers: Any, preset: Any = PRESET) -> Agent:
     """Returns an agent of a preset with a network of these layers."""
     card: dict[str, Any] = {
         "name": "an agent",
-        "task": preset.task,
+        "task": preset.worlds.task,
         "robots": ["omni3"],
         "dt": 0.05,
         "speed": SPEED,
@@ -78,10 +78,10 @@ def inputs_of(env: Any, preset: Any = PRESET) -> int:
 def test_a_network_that_has_learned_nothing_drives_as_its_law_does(name: str) -> None:
     preset = PRESETS[name]
     scenario, num_envs = ("crowdnav_5/validation", 6) if name == "people" else ("circle_4/validation", 8)
-    env = worlds(scenario, num_envs, preset.env_ids[0])
+    env = worlds(scenario, num_envs, preset.worlds.env_ids[0])
     nothing = [(np.zeros((2, inputs_of(env, preset)), np.float32), np.zeros(2, np.float32))]
     own = driven(agent_of(env, nothing, preset), env, 60)
-    law = driven(policies.make(preset.controller), worlds(scenario, num_envs, preset.env_ids[0]), 60)
+    law = driven(policies.make(preset.prior.controller), worlds(scenario, num_envs, preset.worlds.env_ids[0]), 60)
     assert np.abs(own - law).max() < 1e-9
     assert np.abs(own[-1] - own[0]).max() > 0.1
 
@@ -94,12 +94,12 @@ def test_further_scenarios_are_proven_and_in_no_split() -> None:
     assert len({each.name for each in drawn}) == 6
     assert all(EVERY["people"].feasible(each) for each in drawn)
     people = PRESETS["people"]
-    two = tuple((0.5, kwargs) for _, kwargs in (people.worlds[0], people.worlds[-1]))
-    preset = dataclasses.replace(people, further=5, num_envs=48, worlds=two, shortest_ways=False)
-    met = {len(part.task.scenarios) for part in make_worlds(preset, preset.env_ids[0]).worlds.parts}
+    two = tuple((0.5, kwargs) for _, kwargs in (people.worlds.shares[0], people.worlds.shares[-1]))
+    preset = people.changed(further=5, num_envs=48, shares=two, shortest_ways=False)
+    met = {len(part.task.scenarios) for part in make_worlds(preset, preset.worlds.env_ids[0]).worlds.parts}
     assert met == {SPLITS["train"] + 5, len(split("people", "all", "train"))}  # of one family, and of all
     with pytest.raises(ValueError, match=r"^further must be 0 where no world is of one family alone, got 5$"):
-        dataclasses.replace(PRESETS["path_following"], further=5)
+        PRESETS["path_following"].changed(further=5)
 
 
 def test_whatever_is_wanted_keeps_the_half_planes_where_they_leave_a_velocity() -> None:
@@ -181,7 +181,7 @@ def test_a_team_larger_than_those_trained_with_is_said_once_and_a_scan_alone_is_
     [
         (name, seed, folder)
         for name, (preset, _, _) in SHIPPED.items()
-        for seed, folder in shipped(policies.POLICIES[name].agents_of(preset.task), "omni3").items()  # type: ignore[attr-defined]
+        for seed, folder in shipped(policies.POLICIES[name].agents_of(preset.worlds.task), "omni3").items()  # type: ignore[attr-defined]
     ],
 )
 def test_agents_that_ship_say_how_they_were_made_and_drive_alone_as_among_many(
@@ -193,15 +193,15 @@ def test_agents_that_ship_say_how_they_were_made_and_drive_alone_as_among_many(
     base = agent.base and dataclasses.replace(agent.base, gains={})
     assert base == preset.base  # its law is that of its training
     card = agent.card
-    assert (card["training"]["seed"], card["training"]["steps"]) == (seed, preset.steps)
+    assert (card["training"]["seed"], card["training"]["steps"]) == (seed, preset.learning.steps)
     assert card["trained_on"] == trained_on(preset)
-    assert card["env_kwargs"] == preset.env_kwargs(preset.validation)
+    assert card["env_kwargs"] == preset.env_kwargs(preset.worlds.validation)
     assert [(each["asked_speed"], each["env_kwargs"]) for each in card["measured"]] == conditions(agent)
-    env_id = preset.env_ids[0]
+    env_id = preset.worlds.env_ids[0]
     many = driven(policies.make(name, seed=seed), worlds(scenario, num_envs, env_id), 40)
     seen = {"actuators": "lagged", "num_beams": 72, "max_range": 5.0, "sees": "bodies"}
     one: Any = gymnasium.make(env_id, scenario=scenario, **seen)
-    rows = 4 if preset.task == "teams" else 1
+    rows = 4 if preset.worlds.task == "teams" else 1
     assert driven(agent, one, 40).tobytes() == many[:, :rows].tobytes()
 
 
@@ -215,8 +215,8 @@ def test_agents_among_bodies_need_them() -> None:
 def test_a_network_may_begin_as_an_agent_that_ships() -> None:
     small = ["num_envs=256", "horizon=2", "batch_size=256"]
     scan = PRESETS["team_scan"]
-    few = {"worlds": ((1.0, {**scan.worlds[0][1], "scenario": "circle_4/train"}),), "shortest_ways": False}
-    learner = PpoLearner(dataclasses.replace(overridden(scan, small), **few), TEAM, 1)
+    few = {"shares": ((1.0, {**scan.worlds.shares[0][1], "scenario": "circle_4/train"}),), "shortest_ways": False}
+    learner = PpoLearner(overridden(scan, small).changed(**few), TEAM, 1)
     agent = load_agent(shipped("goal_reaching", "omni3")[1])
     assert all(map(np.array_equal, sum(learner.layers(), ()), sum(agent.network.layers, ())))
     with pytest.raises(ValueError, match=r"hidden must be \[256, 256\], as of the agent .*, got \[64, 64\]"):

@@ -51,15 +51,14 @@ PATH, OMNI = "wayfield/DiffDrivePathFollowing-v0", "wayfield/OmniGoalObstacles-v
 PLAIN, RESIDUAL = "path_following_plain", "path_following_residual"
 
 # a run of seconds: few robots, few paths
-SMALL = dataclasses.replace(
-    PRESETS[PLAIN],
+SMALL = PRESETS[PLAIN].changed(
     paces=(0.6,),
-    worlds=((0.5, {"scenario": "s_curve"}), (0.5, {"scenario": "circle", "noise": 1.0})),
+    shares=((0.5, {"scenario": "s_curve"}), (0.5, {"scenario": "circle", "noise": 1.0})),
     validation={"scenario": "s_curve", "actuators": "lagged"},
     num_envs=16,
     horizon=8,
     batch_size=64,
-    learner=Ppo(epochs=1),
+    algorithm=Ppo(epochs=1),
     hidden=(8,),
     steps=16 * 8 * 6,
     validations=3,
@@ -96,16 +95,15 @@ class Killed(Exception):
     """Stands for a power cut."""
 
 
-TAUGHT = dataclasses.replace(SMALL, controller="lqr", imitation=16 * 8 * 2, steps=16 * 8 * 8, paces=(0.4, 0.6))
+TAUGHT = SMALL.changed(controller="lqr", imitation=16 * 8 * 2, steps=16 * 8 * 8, paces=(0.4, 0.6))
 # a replay buffer that comes round, not with the end of an update, and random actions until after the first update
-REPLAYING = dataclasses.replace(SMALL, batch_size=16, learner=Sac(16 * 22, learning_starts=16 * 10, gradient_steps=2))
+REPLAYING = SMALL.changed(batch_size=16, algorithm=Sac(16 * 22, learning_starts=16 * 10, gradient_steps=2))
 
 
 # all that a robot can remember: crumbs, trails, frames, and what its controller does
-SEEKING = dataclasses.replace(
-    SMALL,
+SEEKING = SMALL.changed(
     task="goal_reaching",
-    worlds=((1.0, {"scenario": "discs", "num_beams": 24, "max_range": 5.0, "robot": "omni3"}),),
+    shares=((1.0, {"scenario": "discs", "num_beams": 24, "max_range": 5.0, "robot": "omni3"}),),
     validation={"scenario": "discs", "num_beams": 24, "max_range": 5.0},
     features=GoalFeatures(num_beams=24, pool=4, crumbs=4, crumb_gap=0.05, frames=2, stride=2, moving=True),
     actions=Actions("planar"),
@@ -119,10 +117,9 @@ SEEKING = dataclasses.replace(
 
 
 # worlds of several robots, who begin anew in the places of others, and of people
-GUIDED = dataclasses.replace(
-    SEEKING,
+GUIDED = SEEKING.changed(
     task="teams",
-    worlds=((0.5, {"scenario": "circle_2/train"}), (0.5, {"scenario": "doorway_4/train", "disturbance": "moderate"})),
+    shares=((0.5, {"scenario": "circle_2/train"}), (0.5, {"scenario": "doorway_4/train", "disturbance": "moderate"})),
     validation={"scenario": "circle_2/validation"},
     features=TeamFeatures(num_beams=24, pool=4, bodies=3),
     reward=TeamReward(),
@@ -131,16 +128,15 @@ GUIDED = dataclasses.replace(
     guards=True,
     paces=(0.6,),
 )
-MEETING = dataclasses.replace(
-    GUIDED,
+MEETING = GUIDED.changed(
     task="people",
-    worlds=((1.0, {"scenario": "crowdnav_5"}),),
+    shares=((1.0, {"scenario": "crowdnav_5"}),),
     validation={"scenario": "crowdnav_5/validation"},
     conditions=((0.8, {"scenario": "lanes_12/validation", "visible": True}),),
     guards=False,
 )
 # of a team, by the scan alone
-SCANNING = dataclasses.replace(GUIDED, features=SEEKING.features, controller="vfh_plus", guards=False)
+SCANNING = GUIDED.changed(features=SEEKING.features, controller="vfh_plus", guards=False)
 
 
 @pytest.mark.parametrize(
@@ -178,13 +174,13 @@ def test_a_run_that_was_killed_goes_on_as_if_it_had_not_been(
         assert curve_but_for_seconds(folder) == curve_but_for_seconds(tmp_path / "whole")
     card = json.loads((tmp_path / "whole" / checkpoints.BEST / "card.json").read_text(encoding="utf-8"))
     # a controller that a network adds to has taught it nothing
-    assert card["training"].get("taught_by", "") == (preset.controller if preset.imitation else "")
-    assert card.get("base", {}).get("controller", "") == (preset.controller if preset.reach else "")
+    assert card["training"].get("taught_by", "") == (preset.prior.controller if preset.prior.imitation else "")
+    assert card.get("base", {}).get("controller", "") == (preset.prior.controller if preset.prior.reach else "")
     assert load_agent(tmp_path / "whole" / checkpoints.BEST).features == preset.features
     # where there is more than one field, a curve has the successes in each, and the card those of the best
     fields = {name: shares for name, shares in read_curve(tmp_path / "whole").items() if name.startswith("success in ")}
     several = ["success in crowdnav_5, 0.6 m/s", "success in lanes_12, 0.8 m/s, seen"]
-    assert list(fields) == (several if preset.conditions else [])
+    assert list(fields) == (several if preset.worlds.conditions else [])
     for shares, measured in zip(fields.values(), card["measured"], strict=False):
         assert measured["success"] in shares
 
@@ -193,7 +189,7 @@ def test_a_run_that_was_killed_goes_on_as_if_it_had_not_been(
 def test_learning_and_driving_command_the_same_twists(arrival: float) -> None:
     """What a network adds to a controller, and the law that ends the way, are to the learner as to what ships."""
     features = dataclasses.replace(SEEKING.features, arrival=arrival)
-    learner = PpoLearner(dataclasses.replace(SEEKING, paces=(0.5,), features=features, arriving=True), OMNI, 3)
+    learner = PpoLearner(SEEKING.changed(paces=(0.5,), features=features, arriving=True), OMNI, 3)
     env = learner.env
     network = Network.of(learner.layers())
     card = {"robots": ["omni3"], "dt": 0.05}
@@ -214,8 +210,7 @@ def test_learning_and_driving_command_the_same_twists(arrival: float) -> None:
 
 @pytest.mark.parametrize("lessons", [pytest.param(0, marks=pytest.mark.slow), 4096])
 def test_lessons_bring_a_network_to_drive_like_its_teacher(lessons: int) -> None:
-    preset = dataclasses.replace(
-        SMALL, worlds=((1.0, {"scenario": "circle"}),), num_envs=64, time_limit=200, controller="lqr",
+    preset = SMALL.changed(shares=((1.0, {"scenario": "circle"}),), num_envs=64, time_limit=200, controller="lqr",
         imitation=64 * 8 * 60, imitation_rate=4e-3 if lessons else 1e-3, steps=10**6, lessons=lessons,
     )  # fmt: skip
     apart = []
@@ -234,17 +229,17 @@ def test_lessons_bring_a_network_to_drive_like_its_teacher(lessons: int) -> None
         apart.append(np.mean(differences))
     assert apart[1] < 0.4 * apart[0]
     assert seen == sorted(seen)
-    assert preset.imitation <= seen[-1] == learner.frames < 1.1 * preset.imitation
+    assert preset.prior.imitation <= seen[-1] == learner.frames < 1.1 * preset.prior.imitation
 
 
 @pytest.mark.parametrize("changes", [{}, {"lessons": 64}, {"imitation": 0, "controller": ""}])
 @pytest.mark.parametrize("steps", [128, 641, 1000, 1280])
 def test_a_run_is_whole_updates_and_passes_its_steps_by_less_than_one(changes: Any, steps: int, tmp_path: Path) -> None:
-    preset = dataclasses.replace(TAUGHT, steps=steps, **({"imitation": steps // 3} | changes))
+    preset = TAUGHT.changed(steps=steps, **({"imitation": steps // 3} | changes))
     plan = plan_of(preset)
     assert steps <= plan.frames < steps + plan.unit
-    if not preset.imitation:
-        last = train(job(tmp_path, dataclasses.replace(preset, validations=1)), quiet)
+    if not preset.prior.imitation:
+        last = train(job(tmp_path, preset.changed(validations=1)), quiet)
         assert (last.frames, last.of, last.done) == (plan.frames, plan.frames, True)
 
 
@@ -271,21 +266,19 @@ def test_a_second_signal_cuts_a_run_off_and_later_ones_are_as_before() -> None:
 
 
 LATE = {"scenario": "circle", "actuators": "lagged"}
-LESSONS = dataclasses.replace(
-    TAUGHT, worlds=((1.0, LATE),), imitation=16 * 8 * 5, steps=16 * 8 * 7, lessons=300, controller_gains="default"
+LESSONS = TAUGHT.changed(
+    shares=((1.0, LATE),), imitation=16 * 8 * 5, steps=16 * 8 * 7, lessons=300, controller_gains="default"
 )
-ADDING = dataclasses.replace(
-    SMALL,
-    worlds=((1.0, LATE),),
+ADDING = SMALL.changed(
+    shares=((1.0, LATE),),
     controller="regulated_pure_pursuit",
     controller_gains="default",
     reach=0.25,
     time_limit=40,
 )
-PARKED = dataclasses.replace(
-    SMALL,
+PARKED = SMALL.changed(
     task="docking",
-    worlds=((1.0, {"scenario": "moving/train", "num_beams": 24, "max_range": 5.0, "actuators": "lagged"}),),
+    shares=((1.0, {"scenario": "moving/train", "num_beams": 24, "max_range": 5.0, "actuators": "lagged"}),),
     validation={"scenario": "open/validation", "num_beams": 24, "max_range": 5.0},
     features=DockFeatures(num_beams=24, pool=4, hull_radius=0.26),
     robot="p3dx",
@@ -308,12 +301,12 @@ def test_a_run_that_is_stopped_wherever_it_can_be_goes_on_from_there(
     tmp_path: Path, env_id: str, preset: Preset, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(training_run, "validate", lambda *asked: validate(*asked[:-1], clock=50))
-    if preset.controller and env_id == PATH:  # a pilot foresees where a base is that answers late
+    if preset.prior.controller and env_id == PATH:  # a pilot foresees where a base is that answers late
         sheet = READERS["data sheet of a robot"].fill(tmp_path)
         sheet.write_text(
             json.dumps({**json.loads(sheet.read_text()), "turning_radius": 0.0})
         )  # the law turns on the spot
-        preset = dataclasses.replace(preset, robot=str(sheet))
+        preset = preset.changed(robot=str(sheet))
     train(job(tmp_path / "whole", preset, env_id=env_id), quiet)
     folder, stopped, reached = tmp_path / "run", None, [0]
     while stopped is None or not stopped.done:
@@ -338,7 +331,7 @@ def test_seeds_run_side_by_side_and_leave_curves_logs_and_agents(
     wanted = range(3, 3 + count)
     # a path: to drive those of every family takes longer than all the rest
     monkeypatch.setitem(
-        PRESETS, PLAIN, dataclasses.replace(PRESETS[PLAIN], worlds=SMALL.worlds, validation=SMALL.validation)
+        PRESETS, PLAIN, PRESETS[PLAIN].changed(shares=SMALL.worlds.shares, validation=SMALL.worlds.validation)
     )
     out = tmp_path / "out"
     small = ("num_envs=64", "horizon=8", "batch_size=64", "epochs=1", "hidden=8", "validations=1")
@@ -382,8 +375,8 @@ def test_the_agent_drives_as_the_network_that_was_trained() -> None:
 
 
 def test_the_agent_that_is_kept_is_the_first_of_the_best_and_patience_ends_the_run(tmp_path: Path) -> None:
-    still = dataclasses.replace(SMALL, learning_rate=1e-12, final_learning_rate=0.0)  # no validation beats the first
-    for name, preset, rows in (("short", dataclasses.replace(still, patience=1), 2), ("whole", SMALL, 3)):
+    still = SMALL.changed(learning_rate=1e-12, final_learning_rate=0.0)  # no validation beats the first
+    for name, preset, rows in (("short", still.changed(patience=1), 2), ("whole", SMALL, 3)):
         train(job(tmp_path / name, preset), quiet)
         curve, card = read_curve(tmp_path / name), load_agent(tmp_path / name / "best").card
         best = int(np.argmax(curve["score"]))
@@ -400,18 +393,16 @@ def test_the_agent_of_sac_drives_by_the_squashed_mean(tmp_path: Path) -> None:
     wanted, _ = learner.sac.predict(inputs, deterministic=True)
     assert np.abs(Network.of(learner.layers())(inputs) - wanted).max() < 1e-5
     # in its folder the last layer passes on what the one before has squashed
-    assert agent.card["network"]["hidden"] == [*REPLAYING.hidden, 2]
+    assert agent.card["network"]["hidden"] == [*REPLAYING.learning.hidden, 2]
     assert agent.card["training"]["algorithm"] == "sac"
     np.testing.assert_array_equal(agent.network.numbers[-6:], [1.0, 0.0, 0.0, 1.0, 0.0, 0.0])
     assert np.abs(agent.network(inputs)).max() <= 1.0
-    assert len(read_curve(tmp_path / "run")["critic_loss"]) == REPLAYING.validations
+    assert len(read_curve(tmp_path / "run")["critic_loss"]) == REPLAYING.learning.validations
 
 
 def test_what_sac_replays_follows_one_another_but_where_an_episode_ends() -> None:
     random = Sac(16 * 40, learning_starts=10**6)
-    preset = dataclasses.replace(
-        REPLAYING, horizon=1, learner=random, time_limit=9, worlds=((1.0, {"scenario": "circle"}),)
-    )
+    preset = REPLAYING.changed(horizon=1, algorithm=random, time_limit=9, shares=((1.0, {"scenario": "circle"}),))
     learner = SacLearner(preset, PATH, 0)
     rewards = [learner.update()["reward"] for _ in range(40)]
     replay = learner.sac.replay_buffer
@@ -423,13 +414,13 @@ def test_what_sac_replays_follows_one_another_but_where_an_episode_ends() -> Non
     # the clock has no say in what a place is worth
     assert (replay.timeouts[8] == replay.dones[8]).all()
     assert replay.dones[8].all()
-    np.testing.assert_allclose(rewards, replay.rewards.mean(axis=1) / (1.0 - preset.discount), rtol=1e-5)
+    np.testing.assert_allclose(rewards, replay.rewards.mean(axis=1) / (1.0 - preset.learning.discount), rtol=1e-5)
 
 
 def test_sac_learns_the_best_action_where_nothing_follows() -> None:
     """Of steps that end, with a reward of -(a - (0.5, -0.25))^2, the mean comes to that action; drawn at random."""
     rates = {"learning_rate": 6e-3, "final_learning_rate": 6e-3}
-    preset = dataclasses.replace(REPLAYING, hidden=(32, 32), learner=Sac(16 * 20), **rates)
+    preset = REPLAYING.changed(hidden=(32, 32), algorithm=Sac(16 * 20), **rates)
     learner = SacLearner(preset, PATH, 0)
     replay, rng = learner.sac.replay_buffer, np.random.default_rng(0)
     assert replay is not None
@@ -520,7 +511,7 @@ def test_wrong_input_is_refused_in_one_line(
 def test_a_folder_with_another_run_is_refused(tmp_path: Path) -> None:
     folder = tmp_path / "run"
     train(job(folder), quiet)
-    other = dataclasses.replace(SMALL, name="another")
+    other = SMALL.changed(name="another")
     for wrong, said in (
         (job(folder), "--resume"),
         (job(folder, preset=other, resume=True), "preset 'path_following_plain', not 'another'"),

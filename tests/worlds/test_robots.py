@@ -389,8 +389,8 @@ def test_a_training_takes_a_sheet(tmp_path: Path) -> None:
     file = written(tmp_path, sheet("kobuki") | {"name": "mine", "mass": 4.0})
     preset = overridden(preset_for(GOAL_ID, None), (f"robot={file}",))
     assert preset.features.hull_radius == 0.176  # type: ignore[union-attr]
-    assert preset.sheet == {"sheet": read_robot(file).digest}
-    assert preset_for(GOAL_ID, None).sheet == {}
+    assert preset.worlds.sheet == {"sheet": read_robot(file).digest}
+    assert preset_for(GOAL_ID, None).worlds.sheet == {}
     with pytest.raises(ValueError, match=r"robot 'nowhere\.json' cannot be read: there is no file"):
         overridden(preset, ("robot=nowhere.json",))
     with pytest.raises(ValueError, match=r"robot='kobuky' is unknown\. Did you mean 'kobuki'"):
