@@ -31,7 +31,7 @@ from wayfield.benchmarks.contests.contest import (
 )
 from wayfield.benchmarks.contests.crowds import ATTNGRAPH, CROSS, CROWDNAV, PEOPLE, TEAMS, TUNED_CROWDS
 from wayfield.benchmarks.contests.docking import DOCKING
-from wayfield.benchmarks.contests.goal_obstacles import GOAL_OBSTACLES
+from wayfield.benchmarks.contests.goal_obstacles import ANY, GOAL_OBSTACLES
 from wayfield.benchmarks.contests.movingai import MOVINGAI
 from wayfield.benchmarks.contests.mrpb import MRPB
 from wayfield.benchmarks.contests.path_following import PATH_FOLLOWING
@@ -39,6 +39,7 @@ from wayfield.benchmarks.contests.racetracks import RACETRACKS
 
 __all__ = [
     "ALL_CONTESTS",
+    "ANY",
     "BY_HAND",
     "CONTESTS",
     "COST",

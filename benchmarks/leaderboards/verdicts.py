@@ -18,7 +18,16 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from wayfield.benchmarks.contests import ALL_CONTESTS, DISTURBANCES, PACE_TOLERANCE, TRAINED, Contest
-from wayfield.benchmarks.leaderboards.entries import COMPARED, Entry, by_entry, label, leader, mean_speed, shown_speed
+from wayfield.benchmarks.leaderboards.entries import (
+    COMPARED,
+    MAP,
+    Entry,
+    by_entry,
+    label,
+    leader,
+    mean_speed,
+    shown_speed,
+)
 from wayfield.benchmarks.leaderboards.matrix import Runs, cost_difference, how_often_better, success_difference
 from wayfield.benchmarks.records.episode import Episodes, Row, text
 from wayfield.benchmarks.records.table import Table, code_span
@@ -147,7 +156,7 @@ def _ends(line: Row, low: str, high: str) -> tuple[float, float]:
 
 
 def pairs(rows: Episodes) -> Iterator[Pair]:
-    """Yields pairs of a run: trained agents beside every other, and the first entry without access to the map."""
+    """Yields pairs of a run: trained agents beside every other, and the first entries without the map and with it."""
     for name, of_contest in rows.groups("contest").items():
         contest = ALL_CONTESTS[name]
         for robot, mine in of_contest.groups("robot").items():
@@ -170,7 +179,10 @@ def _pairs(contest: Contest, condition: str, scenes: str, entries: Mapping[Entry
     ranks = some["split"] in COMPARED and some["suite"] != DISTURBANCES
     runs = {entry: Runs.of(rows, contest) for entry, rows in entries.items()}
     speeds = {entry: mean_speed(rows) for entry, rows in entries.items()}
-    asked = {entry for entry in entries if entry[0] in TRAINED} | ({leader(contest, entries)} if ranks else set())
+    asked = {entry for entry in entries if entry[0] in TRAINED}
+    if ranks:
+        with_map = {entry: rows for entry, rows in entries.items() if MAP in rows[0]["knows"]}
+        asked |= {leader(contest, each) for each in (entries, with_map) if each}
     # agents first, so that what is said is said of them
     ordered = sorted(entries, key=lambda entry: (entry[0] not in TRAINED, entry not in asked))
     for a, b in itertools.combinations(ordered, 2):

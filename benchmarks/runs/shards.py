@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from wayfield.benchmarks.contests import ALL_CONTESTS, BY_HAND, ROBUST_LEVEL, TRAINED, TRANSFER_SPLIT, Contest
+from wayfield.benchmarks.contests import ALL_CONTESTS, ANY, BY_HAND, ROBUST_LEVEL, TRAINED, TRANSFER_SPLIT, Contest
 from wayfield.benchmarks.entrants.own_policies import OwnClass, changed_source, sources
 from wayfield.benchmarks.entrants.own_scenario import own_scenario
 from wayfield.benchmarks.records.cases import Case
@@ -33,6 +33,7 @@ from wayfield.policies import POLICIES, make
 from wayfield.policies.learned.agent import CARD, load_agent
 from wayfield.policies.learned.conditions import NewToAgent
 from wayfield.policies.parts.tuned import tuned_set
+from wayfield.policies.trained.any_robot import agents_of
 from wayfield.policies.trained.ppo import trained
 from wayfield.system.executors import Executor, say
 from wayfield.system.identity import source_digest
@@ -232,18 +233,17 @@ def described(contest: Contest, case: Case) -> dict[str, str]:
     if case.entrant is not None:
         knows = f"own, {case.entrant.make(case.gains).knows}"
         parameters, learned = case.entrant.described()
-    elif case.policy in TRAINED:
-        seed, home = case.gains["seed"], case.gains.get("home")
-        folders = trained(home) if home else contest.agents_of(case.policy, str(case.env_kwargs["robot"]))
-        agent = load_agent(folders[seed])
+    elif (folder := _agent_folder(contest, case)) is not None:
+        agent = load_agent(folder)
         training = agent.card["training"]
-        knows, parameters, agent_seed = agent.knows, f"{agent.num_parameters:,}", str(seed)
+        knows, parameters = agent.knows, f"{agent.num_parameters:,}"
+        agent_seed = str(case.gains["seed"]) if case.policy in TRAINED else ""  # any_robot has one
         taught = f", taught by {training['taught_by']}" if "taught_by" in training else ""
         if "began_as" in training:
             taught = f", began as the agent of {training['began_as']}"
         if base := agent.card.get("base"):  # cards of before named it as a teacher too
             taught = f", adds to {base['controller']}"
-        behind = training.get("taught_by"), "scan_planner" if case.policy == "hybrid" else None
+        behind = training.get("taught_by"), "scan_planner" if case.policy in ("hybrid", ANY) else None
         if any(name and _on_validation(contest, name, str(case.env_kwargs["robot"])) for name in behind):
             taught += _VALIDATED
         learned = f"{in_frames(training['steps'])}{taught}"
@@ -251,6 +251,17 @@ def described(contest: Contest, case: Case) -> dict[str, str]:
         made: Any = make(case.policy)
         knows, parameters, learned = made.knows, str(len(dataclasses.fields(made))), _searched(contest, case)
     return {"knows": knows, "parameters": parameters, "learned_from": learned, "agent_seed": agent_seed}
+
+
+def _agent_folder(contest: Contest, case: Case) -> Path | None:
+    """Returns the folder of the network that drives, None for a law alone."""
+    seed, robot = case.gains.get("seed", 0), robot_of(case.env_kwargs["robot"])
+    if case.policy == ANY:
+        return agents_of(robot).get(seed)
+    if case.policy not in TRAINED:
+        return None
+    home = case.gains.get("home")
+    return (trained(home) if home else contest.agents_of(case.policy, robot.name))[seed]
 
 
 def _searched(contest: Contest, case: Case) -> str:

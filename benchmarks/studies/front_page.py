@@ -20,7 +20,7 @@ from results_page import ONLY_MAP, README, Kept, Row, at_pace, best_sets, entry_
 from sections import KEPT
 
 from wayfield import policies
-from wayfield.benchmarks.contests import PACE_TOLERANCE
+from wayfield.benchmarks.contests import ANY, PACE_TOLERANCE, TRAINED
 from wayfield.benchmarks.figures.drawing import RC
 from wayfield.benchmarks.leaderboards.verdicts import BETTER, EQUIVALENT, OPEN, WORSE, Verdict
 from wayfield.benchmarks.statistics.aggregates import interval, mean
@@ -32,6 +32,7 @@ FRAME_PX, FRAME_SKIP, PACE_SHOWN = 480, 4, 2.0  # of each side; steps a frame; t
 CONTROLLER, AGENT = "#0072B2", "#E69F00"  # of Okabe and Ito, apart for colour-blind readers
 SUCCESS = "success (%)"
 AGENT_OF = "ppo"  # that stands beside the controllers of a single robot
+LEARNED = (*TRAINED, ANY)  # with a network, alone or beside a planner: no controllers
 
 
 @dataclasses.dataclass(frozen=True)
@@ -110,7 +111,7 @@ def _match(board: Sequence[Row], lines: Sequence[Row], kind: str, where: str, un
     """Returns the best controller without a map beside the agent, in a kind of scenes."""
     mine = [row for row in board if row["scenes"] == kind]
     agent = next((row for row in mine if row["policy"] == AGENT_OF), None)
-    able = [row for row in mine if row["has access to"] != ONLY_MAP and row["gains"] != "trained"]
+    able = [row for row in mine if row["has access to"] != ONLY_MAP and row["policy"] not in LEARNED]
     controller = next(iter(best_sets(able, at_pace(board, lines))), None)
     if agent is None or controller is None:
         return None

@@ -2,6 +2,8 @@
 
 import dataclasses
 import functools
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -165,9 +167,9 @@ def way_left(planned: NDArray[Any], goals: NDArray[np.float64]) -> NDArray[np.fl
 
 
 @functools.lru_cache(maxsize=64)
-def agents_of(robot: Robot) -> tuple[int, ...]:
-    """Returns the seeds of the agents that ship for every robot of the kinematic class of one."""
-    return tuple(shipped(TASK, KINDS[len(robot.twist_axes)]))
+def agents_of(robot: Robot) -> Mapping[int, Path]:
+    """Returns the folders of the agents that ship for every robot of the kinematic class of one, by seed."""
+    return shipped(TASK, KINDS[len(robot.twist_axes)])
 
 
 @functools.lru_cache(maxsize=64)

@@ -221,7 +221,7 @@ def test_kept_tables_are_what_the_kept_rows_make(section: sections.Section) -> N
 
 def test_every_published_table_has_its_rows_and_they_are_small() -> None:
     files = list((ROOT / sections.ROWS).glob(f"*{SUFFIX}"))
-    assert sum(file.stat().st_size for file in files) < 4_500_000
+    assert sum(file.stat().st_size for file in files) < 6_000_000  # in git: a new table has to be worth its size
     made_up = {interval_coverage.SUITE}  # a measurement of its own
     there = {section.name for section, _ in results_page.Kept(ROOT).sections()} - made_up
     assert {file.name.removesuffix(SUFFIX) for file in files} >= there
