@@ -101,7 +101,7 @@ class Batch:
         # a drawn shove takes a time and a direction
         self.draws = 1 + task.draws + (2 if disturbance.shove > 0.0 else 0)
         self.asked = np.zeros((disturbance.action_delay, num_envs, *self.action_shape))  # oldest first
-        self.own = task.own_arrays(num_envs)
+        self.own: Any = task.own_arrays(num_envs)
         self._inputs = (
             *(task.params, self.states, self.obstacles, self.columns, self.noise, self.skip),
             *(*task.world, *self.own),
@@ -405,8 +405,7 @@ class Batch:
         if self.own and not state["alive"]:  # its clock has stopped, its world's goes on
             state = state.copy()
             team: Any = self.task
-            *_, clocks, _ = self.own
-            state["steps"] = clocks[i // team.team, 1]
+            state["steps"] = self.own.clocks[i // team.team, 1]
         drawing = self.task.drawing(state)
         count = int(self.task.obstacle_counts(self.states[i : i + 1])[0])
         if self.task.num_beams:

@@ -24,7 +24,17 @@ from wayfield.envs.tasks.sheets import (
     OMNI_ODOMETRY,
     sheet_like,
 )
-from wayfield.envs.tasks.stepping import Outputs, Robots, Turn, places, reset_robots, step_robots, write_motion
+from wayfield.envs.tasks.stepping import (
+    Outputs,
+    Reset,
+    Robots,
+    Step,
+    Turn,
+    places,
+    reset_robots,
+    step_robots,
+    write_motion,
+)
 from wayfield.envs.tasks.task import Options, Task
 from wayfield.envs.vector import NativeVectorEnv
 from wayfield.envs.world.blocks import in_blocks
@@ -33,7 +43,7 @@ from wayfield.envs.world.grid_scans import SCRATCH, WORDS, scan_grids
 from wayfield.envs.world.grids import FRAME, Grids, clearance_around, lay_grids
 from wayfield.envs.world.movers import go_on, turns
 from wayfield.system.checks import FINEST, MOST_GAIN, SHORTEST, number, positive, shown, truth, whole
-from wayfield.system.compiled import allocating, inlined
+from wayfield.system.compiled import allocating, flattened, inlined
 from wayfield.system.elementary import sin_cos, wrap_angle
 
 
@@ -165,12 +175,22 @@ def track_goal(s, course, goals):
     s.goal_heading_error = wrap_angle(goals[s.scenario, last, 2] - s.heading)
 
 
-class World(NamedTuple):
-    """The bank and the scanner, as the compiled functions read them."""
+class Bank(NamedTuple):
+    """The arrays that describe the bank."""
 
     courses: NDArray[np.void]  # (scenarios,) COURSE records
     goals: NDArray[np.float64]  # (scenarios, w, 3) waypoints and, last of num_goals, the goal pose
     fields: NDArray[np.void]  # (scenarios, m) OBSTACLE records
+    cells: NDArray[np.uint8]  # of all maps
+    beams: NDArray[np.float64]  # (2, n) directions
+
+
+class World(NamedTuple):
+    """The bank and the scanner, as the compiled functions read them."""
+
+    courses: NDArray[np.void]
+    goals: NDArray[np.float64]
+    fields: NDArray[np.void]
     lidar: sensing.Lidar
 
 
@@ -240,7 +260,7 @@ def all_but(rows, count):
 def conclude(p, world, robots, skip, first, last, outputs):
     """Sees to what is sooner done for several robots than for each: those from the first on, without the last."""
     if robots.grids.cells.shape[0] > 0:
-        scan_maps(p, world.lidar, robots, (skip, first, last), outputs.observations)
+        scan_maps(p, world.lidar, robots, (skip, first, last), outputs.out)
 
 
 @inlined
@@ -250,7 +270,7 @@ def judge(p, s, world, robots, i, row, outputs):
     before = s.remaining_distance
     turn_before = abs(s.goal_heading_error)
     track_goal(s, course, world.goals)
-    observe(p, s, course, world, robots, i, row, outputs.observations)
+    observe(p, s, course, world, robots, i, row, outputs.out)
     assess(p, s, course, before, turn_before, outputs, i)
 
 
@@ -324,47 +344,27 @@ def begin(p, s, world, robots, i, outputs):
     course = world.courses[s.scenario]
     s.waypoint = 0
     track_goal(s, course, world.goals)
-    observe(p, s, course, world, robots, i, 0, outputs.observations)
+    observe(p, s, course, world, robots, i, 0, outputs.out)
     report(p, s, 0.0, 0.0, 0.0, outputs.numbers, i)
 
 
-@allocating
-def step_rows(
-    phases,
-    thread,
-    shares,
-    params,
-    states,
-    obstacles,
-    actions,
-    noise,
-    skip,
-    courses,
-    goals,
-    fields,
-    cells,
-    beams,
-    out,
-    numbers,
-    flags,
-):
+@flattened(allocating)
+def step_rows(phases: int, turn: Turn, step: Step, bank: Bank, outputs: Outputs) -> Any:
     """Runs `stepping.step_robots`."""
-    world = World(courses, goals, fields, scanner(params[0], beams, cells))
-    robots = Robots(params, states, obstacles, noise, Grids(courses, cells))
-    turn = Turn(thread, shares)
-    return step_robots(judge, conclude, phases, robots, actions, skip, turn, world, Outputs(out, numbers, flags))
+    world = World(bank.courses, bank.goals, bank.fields, scanner(step.params[0], bank.beams, bank.cells))
+    robots = Robots(step.params, step.states, step.obstacles, step.noise, Grids(bank.courses, bank.cells))
+    return step_robots(judge, conclude, phases, turn, robots, step.actions, step.skip, world, outputs)
 
 
-@allocating
-def reset_rows(
-    params, states, obstacles, rows, draws, noise, courses, goals, fields, cells, beams, out, numbers, flags
-):
+@flattened(allocating)
+def reset_rows(reset: Reset, bank: Bank, outputs: Outputs) -> None:
     """Runs `stepping.reset_robots`."""
-    world = World(courses, goals, fields, scanner(params[0], beams, cells))
-    robots = Robots(params, states, obstacles, noise, Grids(courses, cells))
-    reset_robots(place, begin, robots, rows, draws, world, Outputs(out, numbers, flags))
-    if cells.shape[0] > 0:
-        scan_maps(params[0], world.lidar, robots, (all_but(rows, states.shape[0]), 0, states.shape[0]), out)
+    world = World(bank.courses, bank.goals, bank.fields, scanner(reset.params[0], bank.beams, bank.cells))
+    robots = Robots(reset.params, reset.states, reset.obstacles, reset.noise, Grids(bank.courses, bank.cells))
+    reset_robots(place, begin, robots, reset.rows, reset.draws, world, outputs)
+    if bank.cells.shape[0] > 0:
+        count = reset.states.shape[0]
+        scan_maps(reset.params[0], world.lidar, robots, (all_but(reset.rows, count), 0, count), outputs.out)
 
 
 @allocating
@@ -468,7 +468,7 @@ class GoalReaching(Task):
         if options.dynamics == "kinematic" and not moving:
             self.shared_obstacles, courses["num_blocks"] = in_blocks(fields, courses["num_obstacles"])
         beams = np.ascontiguousarray(sensing.beam_directions(self.beam_angles).T)
-        self.world = (courses, goals, fields, self.grids.cells, beams)
+        self.world: Any = Bank(courses, goals, fields, self.grids.cells, beams)
         self.layout = self.observed(num_beams, max_range)
         self.params = records.record(
             self.param_fields,
@@ -498,7 +498,7 @@ class GoalReaching(Task):
 
     def last_indices(self, scenarios: NDArray[np.int64]) -> dict[str, NDArray[np.int64]]:
         """Returns the greatest value (b,) of each index."""
-        return {"waypoint": self.world[0]["num_goals"][scenarios] - 1}
+        return {"waypoint": self.world.courses["num_goals"][scenarios] - 1}
 
     def drawing(self, state: NDArray[np.void]) -> dict[str, Any]:
         """Returns what a frame shows of the task, as fields of `rendering.Scene`."""

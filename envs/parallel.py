@@ -68,7 +68,7 @@ class ParallelWorld(ParallelEnv[str, NDArray[np.float32], NDArray[np.float32]]):
             agent: gymnasium.spaces.Box(-most, most, dtype=np.float32) for agent in self.possible_agents
         }
         self._names = (*self.task.info_names, *self.task.flag_names)
-        places, *_ = self._rows.batch.own
+        places = self._rows.batch.own.near_places
         self.state_space = gymnasium.spaces.Box(-np.inf, np.inf, (7 * places.shape[2],), np.float32)
 
     def observation_space(self, agent: str) -> gymnasium.spaces.Box:
@@ -137,8 +137,8 @@ class ParallelWorld(ParallelEnv[str, NDArray[np.float32], NDArray[np.float32]]):
 
     def state(self) -> NDArray[np.float32]:
         """Returns all bodies of the world, 7 numbers each: x, y (m), cos, sin of the heading, vx, vy (m/s), present."""
-        places, _, _, _, clocks, _ = self._rows.batch.own
-        now = places[clocks[0, 0], 0]
+        own = self._rows.batch.own
+        now = own.near_places[own.clocks[0, 0], 0]
         names = ("x", "y", "cos", "sin", "vx", "vy", "present")
         return np.column_stack([now[name] for name in names]).astype(np.float32).ravel()
 

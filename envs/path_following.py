@@ -25,7 +25,9 @@ from wayfield.envs.tasks.sheets import (
 from wayfield.envs.tasks.specs import TaskSpec
 from wayfield.envs.tasks.stepping import (
     Outputs,
+    Reset,
     Robots,
+    Step,
     Turn,
     nothing_more,
     places,
@@ -38,7 +40,7 @@ from wayfield.envs.vector import NativeVectorEnv
 from wayfield.envs.world.grids import NO_GRIDS
 from wayfield.envs.world.paths import PathPool, along_lap, nearest_ahead, vertex, walk_to
 from wayfield.system.checks import FINEST, MOST_GAIN, SHORTEST, number, positive, whole
-from wayfield.system.compiled import compiled, inlined
+from wayfield.system.compiled import compiled, flattened, inlined
 from wayfield.system.elementary import sin_cos, wrap_angle
 
 
@@ -198,7 +200,7 @@ def judge(p, s, world, robots, i, row, outputs):
     s.arc_length, s.segment, s.cross_track_error, s.heading_error = project(
         vertices, run, p.window, s.x, s.y, s.heading, s.arc_length, s.segment
     )
-    observe(p, s, vertices, run, robots.noise, i, row, outputs.observations)
+    observe(p, s, vertices, run, robots.noise, i, row, outputs.out)
     progress = s.arc_length - before
     success = s.arc_length >= course.finish - p.end_tolerance
     left = abs(s.cross_track_error) > course.corridor
@@ -249,40 +251,22 @@ def begin(p, s, world, robots, i, outputs):
     )
     s.measured_arc_length = s.arc_length
     s.measured_segment = s.segment
-    observe(p, s, world.vertices, run, robots.noise, i, 0, outputs.observations)
+    observe(p, s, world.vertices, run, robots.noise, i, 0, outputs.out)
     report(p, s, course, 0.0, 0.0, outputs.numbers, i)
 
 
-@compiled
-def step_rows(
-    phases,
-    thread,
-    shares,
-    params,
-    states,
-    obstacles,
-    actions,
-    noise,
-    skip,
-    courses,
-    vertices,
-    runs,
-    out,
-    numbers,
-    flags,
-):
+@flattened(compiled)
+def step_rows(phases: int, turn: Turn, step: Step, world: World, outputs: Outputs) -> Any:
     """Runs `stepping.step_robots`."""
-    robots = Robots(params, states, None, noise, NO_GRIDS)
-    world = World(courses, vertices, runs)
-    turn = Turn(thread, shares)
-    return step_robots(judge, nothing_more, phases, robots, actions, skip, turn, world, Outputs(out, numbers, flags))
+    robots = Robots(step.params, step.states, None, step.noise, NO_GRIDS)
+    return step_robots(judge, nothing_more, phases, turn, robots, step.actions, step.skip, world, outputs)
 
 
-@compiled
-def reset_rows(params, states, obstacles, rows, draws, noise, courses, vertices, runs, out, numbers, flags):
+@flattened(compiled)
+def reset_rows(reset: Reset, world: World, outputs: Outputs) -> None:
     """Runs `stepping.reset_robots`."""
-    robots = Robots(params, states, None, noise, NO_GRIDS)
-    reset_robots(place, begin, robots, rows, draws, World(courses, vertices, runs), Outputs(out, numbers, flags))
+    robots = Robots(reset.params, reset.states, None, reset.noise, NO_GRIDS)
+    reset_robots(place, begin, robots, reset.rows, reset.draws, world, outputs)
 
 
 def _courses_and_paths(scenarios: tuple[PathScenario, ...]) -> tuple[NDArray[np.void], PathPool]:
@@ -344,7 +328,7 @@ class PathFollowing(Task):
         self.layout = Observation.layout(len(self.robot.twist_axes), self.task_params.num_preview, self.belongs_to)
         self.beam_angles = np.empty(0)
         self.max_obstacles = 0
-        self.world = (courses, pool.vertices, pool.runs)
+        self.world = World(courses, pool.vertices, pool.runs)
         self.params = records.record(
             PARAMS,
             options.robot_params()
@@ -383,7 +367,7 @@ class PathFollowing(Task):
             "path": path,
             "corridor": scenario.corridor,
             "bounds": (*(path.min(axis=0) - margin).tolist(), *(path.max(axis=0) + margin).tolist()),
-            "start": tuple(self.world[0]["start"][int(state["scenario"])][:2].tolist()),
+            "start": tuple(self.world.courses["start"][int(state["scenario"])][:2].tolist()),
             "lookahead": lookahead,
             "reference": (float(a["x"] + along * a["ux"]), float(a["y"] + along * a["uy"])),
             "caption": (

@@ -45,6 +45,7 @@ from wayfield.envs.goal_reaching import (
     FLAGS,
     INFO,
     GoalReaching,
+    World,
     all_but,
     assess,
     observe_goal,
@@ -62,11 +63,11 @@ from wayfield.envs.scenarios.team_scenario import TeamScenario, check_team
 from wayfield.envs.tasks.arguments import ScanArguments, argument
 from wayfield.envs.tasks.observation import Field, Layout
 from wayfield.envs.tasks.specs import CROWDS, TASKS, TaskSpec
-from wayfield.envs.tasks.stepping import Outputs, Robots, Turn, drawn_scenario, places, step_worlds
+from wayfield.envs.tasks.stepping import Outputs, Reset, Robots, Step, Turn, drawn_scenario, places, step_worlds
 from wayfield.envs.tasks.task import Options
 from wayfield.envs.world.grids import Grids, clearance_around
 from wayfield.system.checks import LONGEST, choose, positive, shown, suggestion, truth, whole
-from wayfield.system.compiled import allocating, compiled, inlined
+from wayfield.system.compiled import allocating, compiled, flattened, inlined
 from wayfield.system.elementary import sin_cos, wrap_angle
 
 ENDS = ("leave", "respawn")
@@ -146,13 +147,27 @@ class Observation(NamedTuple):
         return Layout(Observation, (*first, bodies, ranges), task)
 
 
-class World(NamedTuple):
-    """The bank and the scanner, as the compiled functions read them; the first four as of goal reaching."""
+class TeamBank(NamedTuple):
+    """The arrays that describe the bank: the first five as `goal_reaching.Bank`, of scenarios x team."""
 
-    courses: NDArray[np.void]  # (scenarios x team,) COURSE records
+    courses: NDArray[np.void]
     goals: NDArray[np.float64]
     fields: NDArray[np.void]
-    lidar: sensing.Lidar
+    cells: NDArray[np.uint8]
+    beams: NDArray[np.float64]
+    walks: NDArray[np.void]  # (scenarios, people) WALK records
+    tracks: NDArray[np.float64]  # of all recordings
+
+
+class Company(NamedTuple):
+    """The arrays that the worlds keep besides the states of their robots; m bodies are robots and people."""
+
+    near_places: NDArray[np.void]  # (2, worlds, m) PLACE records: the snapshots
+    hulls: NDArray[np.void]  # (worlds, m) HULL records
+    near: NDArray[np.int64]  # (worlds, m, NEAREST)
+    counts: NDArray[np.int64]  # (worlds, m)
+    clocks: NDArray[np.int64]  # (worlds, 2): which snapshot is now, and steps
+    walkers: NDArray[np.void]  # (worlds, people) WALKER records
 
 
 class Crowd(NamedTuple):
@@ -300,26 +315,25 @@ def observe(p, s, course, world, robots, crowd, i, row, out):
     f = crowd.frame
     frame = Frame(f[0], f[1], f[2], int(f[3]), int(f[4]))
     if p.sees_bodies == 1:
-        observe_bodies(p, s, robots, crowd, frame, w, r, i, row, out, k)
+        observe_bodies(p, s, robots, crowd, frame, w, i, row, out, k)
         k += NEAREST * COLUMNS
     lidar = world.lidar
     pose = (s.x, s.y, s.heading)
     sensing.scan_ranges(lidar, robots.obstacles, s.field, s.num_obstacles, s.num_blocks, pose, out, i, k)
     if crowd.bodies.places.shape[2] > 1 and lidar.beams.shape[1] > 0:
-        now = crowd.bodies.clocks[w, 0]
-        scan_bodies(lidar, crowd.bodies, now, w, r, crowd.cells, frame, pose, out, i, k)
+        scan_bodies(lidar, crowd.bodies, w, r, crowd.cells, frame, pose, out, i, k)
     if robots.grids.cells.shape[0] == 0:
         goal_reaching.disturb_ranges(p, lidar, robots.noise, i, row, out, k)
 
 
 @compiled
-def observe_bodies(p, s, robots, crowd, frame, w, r, i, row, out, column):
+def observe_bodies(p, s, robots, crowd, frame, w, i, row, out, column):
     """Writes the nearest bodies that a robot sees, from a column on, with the noise of tracks."""
     bodies = crowd.bodies
     now = bodies.clocks[w, 0]
     maps = 1 if robots.grids.cells.shape[0] > 0 else 0
     seen = Sight(robots.obstacles, s.field, s.num_obstacles, robots.grids.frames, s.scenario, robots.grids.cells, maps)
-    count = find_nearest(bodies, now, w, r, p.sight, seen, crowd.cells, frame)
+    count = find_nearest(bodies, now, w, i - w * p.team, p.sight, seen, crowd.cells, frame)
     sine, cosine = sin_cos(s.heading)
     for c in range(column, column + NEAREST * COLUMNS):
         out[i, c] = 0.0
@@ -358,7 +372,7 @@ def judge(p, s, world, robots, crowd, i, row, outputs):
     before = s.remaining_distance
     turn_before = abs(s.goal_heading_error)
     track_goal(s, course, world.goals)
-    observe(p, s, course, world, robots, crowd, i, row, outputs.observations)
+    observe(p, s, course, world, robots, crowd, i, row, outputs.out)
     assess(p, s, course, before, turn_before, outputs, i)
     note_meeting(s, outputs, i)
     if outputs.flags[outputs.flags.shape[0] - 1, i]:
@@ -377,7 +391,7 @@ def note_meeting(s, outputs, i):
 def conclude(p, world, robots, skip, first, last, outputs):
     """Shortens the ranges of several robots to what their maps hold."""
     if robots.grids.cells.shape[0] > 0:
-        scan_maps(p, world.lidar, robots, (skip, first, last), outputs.observations)
+        scan_maps(p, world.lidar, robots, (skip, first, last), outputs.out)
 
 
 # ---- the reset
@@ -424,7 +438,7 @@ def begin(p, s, world, robots, crowd, i, outputs):
     course = world.courses[s.scenario]
     s.waypoint = 0
     track_goal(s, course, world.goals)
-    observe(p, s, course, world, robots, crowd, i, np.int64(0), outputs.observations)
+    observe(p, s, course, world, robots, crowd, i, np.int64(0), outputs.out)
     goal_reaching.report(p, s, 0.0, 0.0, 0.0, outputs.numbers, i)
     note_meeting(s, outputs, i)
     s.noise_row = 1
@@ -519,102 +533,46 @@ def begin_anew(p, robots, crowd, world, i, draws, j, outputs):
 # ---- all robots
 
 
-@allocating
-def step_rows(
-    phases,
-    thread,
-    shares,
-    params,
-    states,
-    obstacles,
-    actions,
-    noise,
-    skip,
-    courses,
-    goals,
-    fields,
-    cells,
-    beams,
-    walks,
-    tracks,
-    near_places,
-    hulls,
-    near,
-    counts,
-    clocks,
-    walkers,
-    out,
-    numbers,
-    flags,
-):
+@flattened(allocating)
+def step_rows(phases: int, turn: Turn, step: Step, bank: TeamBank, company: Company, outputs: Outputs) -> Any:
     """Runs `stepping.step_worlds`."""
-    world = World(courses, goals, fields, scanner(params[0], beams, cells))
-    robots = Robots(params, states, obstacles, noise, Grids(courses, cells))
-    bodies = Bodies(near_places, hulls, near, counts, clocks)
-    crowd = Crowd(
-        bodies,
-        People(walks, tracks, walkers),
-        cells_for(near_places.shape[2], obstacles),
-        scratch_for(fields.shape[1]),
-        np.zeros(5),
+    world = World(bank.courses, bank.goals, bank.fields, scanner(step.params[0], bank.beams, bank.cells))
+    robots = Robots(step.params, step.states, step.obstacles, step.noise, Grids(bank.courses, bank.cells))
+    people = People(bank.walks, bank.tracks, company.walkers)
+    bodies = Bodies(company.near_places, company.hulls, company.near, company.counts, company.clocks)
+    sorted_in = cells_for(bodies.places.shape[2], step.obstacles)
+    crowd = Crowd(bodies, people, sorted_in, scratch_for(bank.fields.shape[1]), np.zeros(5))
+    return step_worlds(
+        begin_step, exchange, judge, conclude, turn, robots, crowd, step.actions, step.skip, world, outputs
     )
-    turn, outputs = Turn(thread, shares), Outputs(out, numbers, flags)
-    return step_worlds(begin_step, exchange, judge, conclude, robots, crowd, actions, skip, turn, world, outputs)
 
 
-@allocating
-def reset_rows(
-    params,
-    states,
-    obstacles,
-    rows,
-    draws,
-    noise,
-    courses,
-    goals,
-    fields,
-    cells,
-    beams,
-    walks,
-    tracks,
-    near_places,
-    hulls,
-    near,
-    counts,
-    clocks,
-    walkers,
-    out,
-    numbers,
-    flags,
-):
+@flattened(allocating)
+def reset_rows(reset: Reset, bank: TeamBank, company: Company, outputs: Outputs) -> None:
     """Begins worlds all of whose robots are in `rows`, ascending; where robots respawn, others in a running world."""
-    p = params[0]
-    world = World(courses, goals, fields, scanner(p, beams, cells))
-    robots = Robots(params, states, obstacles, noise, Grids(courses, cells))
-    bodies = Bodies(near_places, hulls, near, counts, clocks)
-    crowd = Crowd(
-        bodies,
-        People(walks, tracks, walkers),
-        cells_for(near_places.shape[2], obstacles),
-        scratch_for(fields.shape[1]),
-        np.zeros(5),
-    )
-    outputs = Outputs(out, numbers, flags)
+    p = reset.params[0]
+    world = World(bank.courses, bank.goals, bank.fields, scanner(p, bank.beams, bank.cells))
+    robots = Robots(reset.params, reset.states, reset.obstacles, reset.noise, Grids(bank.courses, bank.cells))
+    people = People(bank.walks, bank.tracks, company.walkers)
+    bodies = Bodies(company.near_places, company.hulls, company.near, company.counts, company.clocks)
+    sorted_in = cells_for(bodies.places.shape[2], reset.obstacles)
+    crowd = Crowd(bodies, people, sorted_in, scratch_for(bank.fields.shape[1]), np.zeros(5))
     n = p.team
     j = 0
-    while j < rows.shape[0]:
-        w = rows[j] // n
+    while j < reset.rows.shape[0]:
+        w = reset.rows[j] // n
         last = j
-        while last < rows.shape[0] and rows[last] // n == w:
+        while last < reset.rows.shape[0] and reset.rows[last] // n == w:
             last += 1
         if last - j == n:
-            begin_world(p, robots, crowd, world, w, draws, j, outputs)
+            begin_world(p, robots, crowd, world, w, reset.draws, j, outputs)
         else:
             for k in range(j, last):
-                begin_anew(p, robots, crowd, world, rows[k], draws, k, outputs)
+                begin_anew(p, robots, crowd, world, reset.rows[k], reset.draws, k, outputs)
         j = last
-    if cells.shape[0] > 0:
-        scan_maps(p, world.lidar, robots, (all_but(rows, states.shape[0]), 0, states.shape[0]), out)
+    if bank.cells.shape[0] > 0:
+        count = reset.states.shape[0]
+        scan_maps(p, world.lidar, robots, (all_but(reset.rows, count), 0, count), outputs.out)
 
 
 # ---- the task
@@ -684,7 +642,8 @@ class Teams(GoalReaching):
         for row, each in zip(walks, self.scenarios, strict=True):
             row[: len(each.walks)] = each.walks
             row["first"] += begins[id(each.tracks)]
-        self.world = (*self.world, walks, np.ascontiguousarray(np.concatenate(list(tracks.values()))))
+        every = np.ascontiguousarray(np.concatenate(list(tracks.values())))
+        self.world = TeamBank(**self.world._asdict(), walks=walks, tracks=every)
 
     def bank(self, scenario: Any, hull_radius: float) -> tuple[TeamScenario, ...]:
         """Returns the scenarios of a name, or those given, all with one number of robots.
@@ -779,7 +738,7 @@ class Teams(GoalReaching):
         kind = Observation if self._asked.sees == "bodies" else goal_reaching.Observation
         return kind.layout(len(self.robot.twist_axes), num_beams, max_range, self.belongs_to)
 
-    def own_arrays(self, num_envs: int) -> tuple[NDArray[Any], ...]:
+    def own_arrays(self, num_envs: int) -> Company:
         """Returns snapshots, hulls, neighbours and people of the worlds.
 
         Raises:
@@ -792,7 +751,7 @@ class Teams(GoalReaching):
                 f"num_envs must be a multiple of {self.team}"
             )
         m = self.team + self.most_people
-        return (
+        return Company(
             np.zeros((2, worlds, m), PLACE),
             np.zeros((worlds, m), HULL),
             np.zeros((worlds, m, NEAREST), np.int64),
@@ -850,7 +809,7 @@ class Teams(GoalReaching):
         return min(super().room(state), float(state["gap"]))
 
     def others(
-        self, states: NDArray[np.void], own: tuple[NDArray[Any], ...], i: int
+        self, states: NDArray[np.void], own: Any, i: int
     ) -> tuple[list[tuple[int, tuple[float, float, float], tuple[float, float], bool]], NDArray[np.float64]]:
         """Returns the other bodies in robot i's world: number, pose, goal and whether it left of robots, and people.
 
@@ -860,9 +819,8 @@ class Teams(GoalReaching):
             states: (b,) of all robots.
             own: as `own_arrays` makes them.
         """
-        places_of, hulls, _, _, clocks, _ = own
         w, r = divmod(i, self.team)
-        there = places_of[clocks[w, 0], w]
+        there = own.near_places[own.clocks[w, 0], w]
         goals = self.scenarios[int(states["scenario"][i]) // self.team].goals[:, :2].tolist()
         robots = []
         for j in range(self.team):
@@ -871,12 +829,11 @@ class Teams(GoalReaching):
                 robots.append((j, (x, y, heading), (goals[j][0], goals[j][1]), there["present"][j] == 0))
         people = np.flatnonzero(there["present"][self.team :]) + self.team
         headings = np.arctan2(there["sin"], there["cos"])
-        return robots, np.column_stack([there["x"], there["y"], headings, hulls["reach"][w]])[people]
+        return robots, np.column_stack([there["x"], there["y"], headings, own.hulls["reach"][w]])[people]
 
-    def walking(self, own: tuple[NDArray[Any], ...]) -> NDArray[np.float64]:
+    def walking(self, own: Company) -> NDArray[np.float64]:
         """Returns where the people of all worlds are, (worlds, q, 5): x, y (m), vx, vy (m/s), 1 where one is there."""
-        places_of, _, _, _, clocks, _ = own
-        there = places_of[clocks[:, 0], np.arange(len(clocks)), self.team :]
+        there = own.near_places[own.clocks[:, 0], np.arange(len(own.clocks)), self.team :]
         return np.stack([there[name] for name in ("x", "y", "vx", "vy", "present")], axis=-1)
 
     def told(self, states: NDArray[np.void], knows: str) -> dict[str, Any]:

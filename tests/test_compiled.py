@@ -4,14 +4,19 @@ The tests run as root as well, whom no permission stops: an unwritable folder is
 file, or by taking the places away in which numba looks.
 """
 
+import inspect
 import json
 import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any, NamedTuple
 
+import numpy as np
 import pytest
+
+from wayfield.system.compiled import compiled, flattened
 
 KERNEL = """
 from wayfield.system.compiled import compiled, inlined
@@ -460,3 +465,41 @@ def test_one_kernel_serves_arrays_of_any_layout_with_the_same_bits_and_is_kept(r
     for script, told, kept in ((ARRAYS, ["1 1 0"], 1), (ARRAYS + REFUSED, ["1 0 1", "True", "True", "True"], 2)):
         assert run(tmp_path, tmp_path / "cache", script) == told
         assert len(list((tmp_path / "cache").rglob("kernel.weighted*.nbc"))) == kept
+
+
+def test_a_flat_kernel_takes_the_fields_of_its_records_and_does_what_the_function_of_records_does() -> None:
+    reach, twist = np.arange(3.0), np.arange(3.0) - 7.0
+    assert apart(2.0, reach, 4.0, twist) == 2.0 * 4.0 * reach[1] + twist.sum() + reach.sum() + twist[2] * 4.0
+    assert list(inspect.signature(apart.py_func).parameters) == ["scale", "reach", "gain", "twist"]
+    with pytest.raises(TypeError, match="sets gain, which is a field"):
+        flattened(compiled)(of_its_own)
+
+
+class Law(NamedTuple):
+    """A record of two fields, and one that a function hands on whole."""
+
+    reach: Any
+    gain: float
+
+
+class Motion(NamedTuple):
+    """A record of one."""
+
+    twist: Any
+
+
+@compiled
+def total(law: Law, motion: Motion) -> Any:
+    return motion.twist.sum() + law.reach.sum() + motion.twist[2] * law.gain
+
+
+@flattened(compiled)
+def apart(scale: float, law: Law, motion: Motion) -> Any:
+    """Reads fields and hands records on."""
+    return scale * law.gain * law.reach[1] + total(law, motion)
+
+
+def of_its_own(law: Law) -> Any:
+    """Gives a number of its own the name of a field."""
+    gain = 2.0
+    return gain * law.gain

@@ -833,12 +833,12 @@ def task_tables(task: str, blobs: Blobs) -> dict[str, Any]:
     told["rows"] = rows_of(env)
     told["sheet"] = layout(env.task.params.dtype)["fields"]
     told["state"] = layout(env.task.state_dtype)
-    told["course"] = layout(env.task.world[0].dtype)
+    told["course"] = layout(env.task.world.courses.dtype)
     told["numbers"] = [*env.task.info_names, "reward"]
     told["flags"] = [*env.task.flag_names, "ended"]
     told["draws"] = env.task.draws
     told["beams"] = env.task.num_beams
-    told["directions"] = blobs.put(env.task.world[4]) if env.task.num_beams else None
+    told["directions"] = blobs.put(env.task.world.beams) if env.task.num_beams else None
     told["tracks"] = env.task.noise_columns
     told["late"] = None if task in CROWDS else late_table(task, blobs)
     return told

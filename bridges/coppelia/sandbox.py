@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from wayfield.envs.robots import Robot, kinematic_plant, records, robots_with
 from wayfield.envs.robots.hulls import hull_clearance
 from wayfield.envs.tasks.observation import Field, Layout
-from wayfield.envs.tasks.stepping import COMMAND, DRIVE, JUDGE, Robots
+from wayfield.envs.tasks.stepping import COMMAND, DRIVE, JUDGE, Outputs, Reset, Robots, Step, Turn
 from wayfield.envs.tasks.task import Options, Task
 from wayfield.envs.world.geometry import clearance_to, nearest_surface
 from wayfield.envs.world.grids import NO_GRIDS
 from wayfield.envs.world.movers import go_on
-from wayfield.system.compiled import compiled
+from wayfield.system.compiled import compiled, flattened
 from wayfield.system.elementary import sin_cos, wrap_angle
 
 SLIDE_STEP = 0.005  # s, less than in which the fastest base goes its hull's radius
@@ -86,21 +86,21 @@ def slide(p, s, robots, i):
     s.clearance = hull_clearance(p, robots, i, s, s.x, s.y, s.heading)
 
 
-@compiled
-def step_rows(phases, thread, shares, params, states, obstacles, actions, noise, skip, out, numbers, flags):
+@flattened(compiled)
+def step_rows(phases: int, turn: Turn, step: Step, outputs: Outputs) -> int:
     """Runs phases of a step for all robots but those in `skip`; returns -1, for targets are always finite."""
-    robots = Robots(params, states, obstacles, noise, NO_GRIDS)
-    p = params[0]
-    for i in range(states.shape[0]):
-        if skip[i]:
+    robots = Robots(step.params, step.states, step.obstacles, step.noise, NO_GRIDS)
+    p = step.params[0]
+    for i in range(step.states.shape[0]):
+        if step.skip[i]:
             continue
-        s = states[i]
+        s = step.states[i]
         if phases & COMMAND:
             s.contact = 0
-            kinematic_plant.command(p, s, actions, i)
+            kinematic_plant.command(p, s, step.actions, i)
             s.rolled_vx, s.rolled_vy, s.rolled_yaw_rate = kinematic_plant.lagging_twist(s, p.lag_mean)
             if p.moving:
-                go_on(obstacles, i, s.num_obstacles, (s.steps + 1) * p.dt)
+                go_on(step.obstacles, i, s.num_obstacles, (s.steps + 1) * p.dt)
                 s.clearance = hull_clearance(p, robots, i, s, s.x, s.y, s.heading)
                 if phases & DRIVE and s.clearance < 0.0:
                     # a moving obstacle hits the robot: it stops; in a plant with forces it is pushed
@@ -112,7 +112,7 @@ def step_rows(phases, thread, shares, params, states, obstacles, actions, noise,
             x = s.x
             y = s.y
             heading = s.heading
-            kinematic_plant.drive(p, s, robots, actions, i, 0)
+            kinematic_plant.drive(p, s, robots, step.actions, i, 0)
             if s.contact:
                 s.x = x
                 s.y = y
@@ -120,29 +120,29 @@ def step_rows(phases, thread, shares, params, states, obstacles, actions, noise,
                 slide(p, s, robots, i)
         if phases & JUDGE:
             s.steps += 1
-            out[i, 0] = s.x
-            out[i, 1] = s.y
-            out[i, 2] = s.heading
-            numbers[0, i] = 0.0
-            flags[0, i] = False
+            outputs.out[i, 0] = s.x
+            outputs.out[i, 1] = s.y
+            outputs.out[i, 2] = s.heading
+            outputs.numbers[0, i] = 0.0
+            outputs.flags[0, i] = False
     return -1
 
 
-@compiled
-def reset_rows(params, states, obstacles, rows, draws, noise, out, numbers, flags):
+@flattened(compiled)
+def reset_rows(reset: Reset, outputs: Outputs) -> None:
     """Stops the robots in `rows` at their poses, and puts moving obstacles at the start of their patrols."""
-    robots = Robots(params, states, obstacles, noise, NO_GRIDS)
-    p = params[0]
-    for j in range(rows.shape[0]):
-        i = rows[j]
-        s = states[i]
+    robots = Robots(reset.params, reset.states, reset.obstacles, reset.noise, NO_GRIDS)
+    p = reset.params[0]
+    for j in range(reset.rows.shape[0]):
+        i = reset.rows[j]
+        s = reset.states[i]
         records.halt(s)
         s.field = i
         s.rolled_vx = 0.0
         s.rolled_vy = 0.0
         s.rolled_yaw_rate = 0.0
         if p.moving:
-            go_on(obstacles, i, s.num_obstacles, 0.0)
+            go_on(reset.obstacles, i, s.num_obstacles, 0.0)
         s.clearance = hull_clearance(p, robots, i, s, s.x, s.y, s.heading)
 
 

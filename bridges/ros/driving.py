@@ -298,7 +298,7 @@ class AlongPath:
         )
         flags = dict(zip(task.flag_names, results.flags[:, 0].tolist(), strict=False))
         numbers = dict(zip(task.info_names, results.numbers[:, 0].tolist(), strict=False))
-        finish = float(task.world[0]["finish"][0])
+        finish = float(task.world.courses["finish"][0])
         self.distance = finish - numbers["arc_length"]
         if flags["success"]:
             return Decision(Twist(), arrived=True)

@@ -348,12 +348,13 @@ def chords_apart(a, to_a, b, to_b):
 
 
 @compiled
-def scan_bodies(lidar, bodies, now, w, i, cells, frame, pose, ranges, row, column):
+def scan_bodies(lidar, bodies, w, i, cells, frame, pose, ranges, row, column):
     """Shortens the beams of body i's scan to the other bodies of its world.
 
     As an OBSTACLE of that shape would: the bits are the same. By cells it goes outwards in rings as far as beams reach.
     """
     places = bodies.places
+    now = bodies.clocks[w, 0]
     x, y, _ = pose
     far = lidar.max_range
     count = 0

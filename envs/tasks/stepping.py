@@ -30,6 +30,28 @@ class Robots(NamedTuple):
     grids: Grids
 
 
+class Step(NamedTuple):
+    """What a step is handed of b robots."""
+
+    params: NDArray[np.void]  # (1,)
+    states: NDArray[np.void]  # (b,)
+    obstacles: NDArray[np.void]  # (b, m)
+    actions: NDArray[np.float64]  # (b, columns)
+    noise: NDArray[np.float64]
+    skip: NDArray[np.bool_]  # (b,) whose episode is over
+
+
+class Reset(NamedTuple):
+    """What a reset is handed of b robots."""
+
+    params: NDArray[np.void]
+    states: NDArray[np.void]
+    obstacles: NDArray[np.void]
+    rows: NDArray[np.int64]  # those that begin, ascending
+    draws: NDArray[np.float64]  # uniform numbers, (len(rows), 1 + the task's draws) or 2 more
+    noise: NDArray[np.float64]
+
+
 class Turn(NamedTuple):
     """Whose turn it is, where threads share out the robots."""
 
@@ -40,7 +62,7 @@ class Turn(NamedTuple):
 class Outputs(NamedTuple):
     """The arrays that a step writes, for b robots."""
 
-    observations: NDArray[np.float32]  # (b, n)
+    out: NDArray[np.float32]  # (b, n) observations
     numbers: NDArray[np.float64]  # (info values and the reward, b)
     flags: NDArray[np.bool_]  # (info flags and whether the episode ended, b)
 
@@ -118,7 +140,7 @@ def move(phases, p, s, robots, actions, i, row):
 
 
 @inlined
-def step_robots(judge, conclude, phases, robots, actions, skip, turn, world, outputs):
+def step_robots(judge, conclude, phases, turn, robots, actions, skip, world, outputs):
     """Runs the given phases of a step for all robots but those in `skip`, as the task's `step_rows`.
 
     Returns the first robot whose action is not finite, before anything has moved; -1 if there is none.
@@ -128,8 +150,8 @@ def step_robots(judge, conclude, phases, robots, actions, skip, turn, world, out
             `row`, against its goal, and writes its observation, numbers and flags.
         conclude: its conclude(p, world, robots, skip, first, last, outputs): what is done for several robots at once,
             behind the judging of each.
-        robots: Robots.
         turn: Turn; where other threads take rows too, the first checks that actions are finite.
+        robots: Robots.
         world: what the task's own functions read of its bank.
         outputs: Outputs.
     """
@@ -206,7 +228,7 @@ def next_worlds(shares, thread, last, worlds, per):
 
 
 @inlined
-def step_worlds(begin_step, exchange, judge, conclude, robots, crowd, actions, skip, turn, world, outputs):
+def step_worlds(begin_step, exchange, judge, conclude, turn, robots, crowd, actions, skip, world, outputs):
     """Runs a step of all worlds, four phases each: COMMAND, DRIVE, EXCHANGE of what a world sees of itself, JUDGE.
 
     In COMMAND, DRIVE and JUDGE a robot reads the snapshot of its world and its own record, and writes its own alone.
@@ -218,10 +240,10 @@ def step_worlds(begin_step, exchange, judge, conclude, robots, crowd, actions, s
         exchange: its exchange(p, robots, crowd, world, skip, w), once they have.
         judge: its judge(p, s, world, robots, crowd, i, row, outputs).
         conclude: its conclude(p, world, robots, skip, first, last, outputs), as of `step_robots`.
+        turn: Turn.
         robots: Robots.
         crowd: what the task keeps of its worlds.
         skip: (b,) robots whose episode is over.
-        turn: Turn.
         world: what the task's own functions read of its bank.
         outputs: Outputs.
     """

@@ -175,7 +175,7 @@ class Task(abc.ABC):
     robot: Robot
     layout: Layout[Any]
     params: NDArray[np.void]
-    world: tuple[NDArray[Any], ...]
+    world: Any  # a named tuple of arrays
     beam_angles: NDArray[np.float64]
     max_obstacles: int
     grids: Grids = NO_GRIDS
@@ -218,7 +218,7 @@ class Task(abc.ABC):
         return ()
 
     def others(
-        self, states: NDArray[np.void], own: tuple[NDArray[Any], ...], i: int
+        self, states: NDArray[np.void], own: Any, i: int
     ) -> tuple[list[tuple[int, tuple[float, float, float], tuple[float, float], bool]], NDArray[np.float64]]:
         """Returns the other bodies in robot i's world: number, pose, goal and whether it left of robots, and people.
 

@@ -5,13 +5,16 @@ parts of Numba. The plain mode uses public options of Numba alone and gives the 
 says so, where the installed Numba is newer than those tested, and where one of its private parts is missing.
 """
 
+import ast
 import contextlib
 import functools
+import inspect
 import os
 import pathlib
 import tempfile
+import textwrap
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numba
@@ -70,6 +73,59 @@ def inlined(function: Any) -> Any:
 def allocating(function: Any) -> Any:
     """Compiles like `compiled` what makes or returns arrays: the outermost function, which calls what does the work."""
     return _made(function, nogil=True, _nrt=True)
+
+
+def flattened(make: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    """Compiles, by `compiled` or `allocating`, a function of records for Python to hand their fields one by one.
+
+    A record is a named tuple that a parameter is annotated with. For Python to hand a kernel six of them takes 3.7 us,
+    and their fields 1 us: as long as a robot's step. The kernel that is returned has a parameter for each field, by its
+    name, in order.
+
+    A field is put where the function reads it of its record, and the record is made where it is handed on whole: to
+    make each in front counts references to arrays that nobody takes, and takes a tenth of a step.
+
+    Raises:
+        TypeError: if the function gives a value of its own the name of a field.
+    """
+
+    def made(function: Any) -> Any:
+        records = {name: kind for name, kind in function.__annotations__.items() if hasattr(kind, "_fields")}
+        code = ast.parse(textwrap.dedent(inspect.getsource(function)))
+        body: Any = code.body[0]
+        names = [each.arg for each in body.args.args]
+        fields = [field for name in names for field in getattr(records.get(name), "_fields", (name,))]
+        for node in ast.walk(code):
+            if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store) and node.id in fields:
+                raise TypeError(f"{function.__name__} sets {node.id}, which is a field of what it is handed")
+        body.args.args = [ast.arg(field) for field in fields]
+        body.decorator_list = []
+        ast.increment_lineno(_Fields(records).visit(code), function.__code__.co_firstlineno - 1)
+        flat: dict[str, Any] = {}
+        exec(
+            compile(ast.fix_missing_locations(code), function.__code__.co_filename, "exec"), function.__globals__, flat
+        )
+        return make(flat[function.__name__])
+
+    return made
+
+
+class _Fields(ast.NodeTransformer):
+    """Puts fields in the place of their records, by the names of those."""
+
+    def __init__(self, records: Mapping[str, Any]) -> None:
+        self.records = records
+
+    def visit_Attribute(self, node: ast.Attribute) -> ast.AST:
+        if isinstance(node.value, ast.Name) and node.value.id in self.records:
+            return ast.copy_location(ast.Name(node.attr, node.ctx), node)
+        return self.generic_visit(node)
+
+    def visit_Name(self, node: ast.Name) -> ast.AST:
+        if node.id not in self.records:
+            return node
+        record = self.records[node.id]
+        return ast.copy_location(ast.parse(f"{record.__name__}({', '.join(record._fields)})", mode="eval").body, node)
 
 
 def _made(function: Any, **options: Any) -> Any:

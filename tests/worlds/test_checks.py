@@ -177,7 +177,7 @@ import gymnasium, numpy as np, wayfield
 for value in {[each for each in WILD if not math.isnan(each)]!r}[:7]:
     for env_id in ({PATH_ID!r}, {GOAL_ID!r}):
         env = gymnasium.make(env_id).unwrapped
-        env.task.world[0]["start"][:, 2] = value
+        env.task.world.courses["start"][:, 2] = value
         env.reset(seed=0)
         env.step(env.action_space.high)
         for name in ("shove_x", "shove_heading"):
