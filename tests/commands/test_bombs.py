@@ -19,7 +19,7 @@ from wayfield.envs.scenarios import barn
 
 SMALL = 1_000_000  # bytes of a file
 LARGE = 100  # MiB that one unpacks to; of a table several times as much as objects
-MOST = 200 << 20  # bytes of the process that reads it
+MOST = 200 << 20  # bytes of the process that verifies it
 ROW = dict.fromkeys(NEEDED, "0") | {"contest": "docking", "robot": "p3dx", "policy": "polar", "split": "test"}
 ENTRY = {name: ROW[name] for name in ("contest", "robot", "policy", "gains_name", "split")}
 
@@ -97,11 +97,12 @@ def forged(file: Path) -> Path:
 
 
 def read_all(folder: Path) -> None:
-    """Reads every bomb of a folder; prints what was not refused in a line, and the most memory that was taken."""
+    """Reads every bomb of a folder; prints what was not refused in a line, and the most memory by then and at last."""
     for each in sorted(folder.glob("*, *")):
         done = CliRunner().invoke(verify, [str(each)])
         if done.exit_code != 1 or done.stderr.count("\n") != 1 or str(each)[:40] not in done.stderr:
             print(f"{each}: {done.output} {done.stderr} {done.exception}")
+    verified = peak()
     readers = {"*.zip": lambda file: own_policy(str(file)), "*.gz": barn.read_cylinders}
     readers["*.npz"] = lambda file: read_trajectories(file.parent)
     for pattern, reader in readers.items():
@@ -111,8 +112,12 @@ def read_all(folder: Path) -> None:
                 print(f"{file} was read")
             except ValueError as error:
                 print(*[f"{file}: {error}"] * ("\n" in str(error)), sep="", end="")
-    status = Path("/proc/self/status").read_text()  # what resource.getrusage tells begins with the parent's
-    print(int(status.partition("VmHWM:")[2].split()[0]) << 10)
+    print(verified, peak(), sep="\n")
+
+
+def peak() -> int:
+    """Returns the most bytes that the process has taken; what resource.getrusage tells begins with the parent's."""
+    return int(Path("/proc/self/status").read_text().partition("VmHWM:")[2].split()[0]) << 10
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the system tells of memory otherwise")
@@ -124,9 +129,10 @@ def test_a_small_file_takes_no_large_memory(tmp_path: Path) -> None:
     (tmp_path / "run").mkdir()
     archive(tmp_path / "run" / "trajectories.npz", "00000/poses.npy", zipfile.ZIP_LZMA)
     done = subprocess.run([sys.executable, __file__, tmp_path], capture_output=True, text=True, check=True)
-    *wrong, peak = done.stdout.splitlines()
+    *wrong, verified, read = done.stdout.splitlines()
     assert wrong == []
-    assert int(peak) < MOST
+    assert int(verified) < MOST
+    assert int(read) - int(verified) < LARGE << 20, "one was unpacked whole"
 
 
 if __name__ == "__main__":
