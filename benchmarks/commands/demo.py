@@ -1,9 +1,11 @@
 """The simulator as a page without a run: `wayfield demo`."""
 
+import os
 import tempfile
 import webbrowser
 from collections.abc import Collection
 from pathlib import Path
+from typing import Any
 
 import click
 from gymnasium.utils.seeding import np_random
@@ -19,22 +21,47 @@ from wayfield.envs.tasks.specs import CROWDS, EVERY
 from wayfield.system.command_line import OneLineErrors
 from wayfield.system.storage import write_whole
 
-BUDGET = 2_500_000  # bytes
+BUDGET = 3_000_000  # bytes
 SEEDS = 5  # scenarios of each family; of those of several bodies FEW, of at most SOME bodies
 FEW, SOME = 2, 33
-FIRST = "goal: clutter_10"
-AGENTS_THERE = ("team_guided",)  # of those trained among bodies: the others' networks are too large for the budget
+SITE = "WAYFIELD_SITE"  # environment variable: the address that the site is published at, which links lead to
+TITLE = "wayfield: race robots in your browser"
+AGENTS_THERE = ("team_guided", "team_scan", "people_free")  # of those trained among bodies
+# what the page opens on, as a link holds it
+_CALM = {"actuators": "lagged", "disturbance": "none"}
+_SIDES = ("people_free (trained)", "dwa")
+OPENING = {
+    **{"v": 1, "robot": "omni3", **_CALM, "policy": _SIDES[0], "place": {"family": "people: lanes_24", "seed": 0}},
+    **{"runs": [{"policy": each} for each in _SIDES], "step": 0, "beside": _SIDES[1]},
+}
+SENTENCE = "One robot among 24 people: a trained network gets through, the dynamic window approach (DWA) crashes."
+# races by hand, the same for everybody: what each is called, its scene and its robot
+CHALLENGES = [
+    {"name": name, "family": family, "seed": seed, "robot": robot}
+    for name, family, seed, robot in (
+        ("open field", "goal: open_fields", 0, "p3dx"),
+        ("wide doors", "goal: doors_wide", 0, "p3dx"),
+        ("few obstacles", "goal: clutter_5", 0, "p3dx"),
+        ("oncoming traffic", "goal: moving_head_on", 0, "p3dx"),
+        ("corridors", "goal: corridors", 0, "p3dx"),
+        ("dead end", "goal: u_traps_15", 0, "p3dx"),
+        ("people crossing", "people: crossing_flow_8", 0, "omni3"),
+        ("moving crowd", "goal: moving_crowd", 0, "p3dx"),
+        ("narrow doors", "goal: doors_narrow", 0, "p3dx"),
+        ("parking", "dock: open", 0, "p3dx"),
+    )
+]
 
 
 def worlds(families: Collection[str] = ()) -> list[World]:
-    """Returns the first scenarios of the training split of some families, or of all that the page can drive in."""
+    """Returns the first scenarios of the test split of some families, or of all that the page can drive in."""
     found = []
     for spec in EVERY.values():
         for family in splits.members(spec.name):
             if spec.families[family].needs_pymunk or (families and family not in families):
                 continue
             seeds = FEW if spec.name in CROWDS else SEEDS
-            for seed, scenario in enumerate(splits.split(spec.name, family, "train")[:seeds]):
+            for seed, scenario in enumerate(splits.split(spec.name, family, "test")[:seeds]):
                 world = plain(scenario, spec.clock)
                 if "bodies" in world and ("walks" not in world or len(world["bodies"]) >= SOME):
                     continue
@@ -45,8 +72,8 @@ def worlds(families: Collection[str] = ()) -> list[World]:
 
 def unable() -> dict[str, list[str]]:
     """Returns who enters a task's contest and cannot drive in the page, by the kind of its scenarios; floors aside."""
-    told = kernel_part(set(ROBOTS), AGENTS_THERE)[0]["pilots"]
-    able = {(key.split()[0], key.split()[3]) for key in told} | {(spec, name) for spec in EVERY for name in FLOOR}
+    able_there = kernel_part(set(ROBOTS), AGENTS_THERE)[0]["pilots"]
+    able = {(key.split()[0], key.split()[3]) for key in able_there} | {(spec, name) for spec in EVERY for name in FLOOR}
     entered = {
         contest.spec.kind: dict.fromkeys(contest.policies, contest.spec.name)
         for contest in reversed(list(ALL_CONTESTS.values()))  # the task's own contest comes first
@@ -59,7 +86,7 @@ def unable() -> dict[str, list[str]]:
 def main(out: Path | None) -> None:
     """Opens the simulator in the browser: drive a robot against controllers and trained agents.
 
-    The page is one file of 2.4 MB that needs no network.
+    The page is one file of 3 MB that needs no network.
     """
     text = page()
     file = out or Path(tempfile.mkdtemp(prefix="wayfield-")) / "demo.html"
@@ -67,6 +94,19 @@ def main(out: Path | None) -> None:
     print(f"{file}: {len(text.encode()):,} bytes")
     if out is None and not webbrowser.open(file.resolve().as_uri()):
         raise click.ClickException(f"no browser was found: open {file} in one")
+
+
+def told(site: str | None = None) -> dict[str, Any]:
+    """Returns what the page is told besides its scenes; links lead to the site where its address is known."""
+    site = os.environ.get(SITE, "") if site is None else site
+    return {
+        "opening": OPENING,
+        "sentence": SENTENCE,
+        "free": CHALLENGES[2],
+        "challenges": CHALLENGES,
+        "unable": unable(),
+        "site": f"{site.rstrip('/')}/demo.html" if site else "",
+    }
 
 
 def page() -> str:
@@ -82,8 +122,7 @@ def page() -> str:
         "move obstacles, goal or path, switch actuators and disturbances, save the scenario. Teams drive there too, "
         "each robot to a goal of its own, and people walk by their laws."
     )
-    told = {"demo": {"first": FIRST, "unable": unable()}}
-    text = rendered("wayfield: drive", content, made("wayfield demo", content), BUDGET, told, AGENTS_THERE)
+    text = rendered(TITLE, content, made("wayfield demo", content), BUDGET, {"demo": told()}, AGENTS_THERE)
     if len(text.encode()) > BUDGET:
         raise ValueError(f"the page has {len(text.encode()):,} bytes; at most {BUDGET:,} may be")
     return text

@@ -39,7 +39,7 @@ SCRIPTS = (
     *("view.js", "scene.js", "traces.js", "replay.js", "picks.js"),
     *("kernels.js", "simulator.js", "pilots.js", "prediction.js"),
     *("files.js", "images.js", "robots.js"),
-    *("edit.js", "gains.js", "looks.js", "share.js", "drive.js", "draws.js", "main.js"),
+    *("edit.js", "gains.js", "looks.js", "share.js", "race.js", "drive.js", "draws.js", "main.js"),
 )
 OUTCOMES = ("success", "collision", "left_corridor", "timeout")
 MODULE, TABLES = "kernels.wasm", "kernels.json"  # in the folder `page`; see `wasm`

@@ -40,6 +40,14 @@ def browser() -> Iterator[Browser]:
         found.close()
 
 
+def opened(family: str) -> dict[str, Any]:
+    """Returns what the demo opens on, and races in, where it has few scenes."""
+    place = {"family": family, "seed": 0}
+    calm = {"v": 1, "robot": "p3dx", "actuators": "lagged", "disturbance": "none", "policy": "ppo (trained)"}
+    race = place | {"name": "few obstacles", "robot": "p3dx"}
+    return {"opening": calm | {"place": place, "runs": [], "step": 0}, "challenges": [race], "free": race}
+
+
 @pytest.fixture(scope="module")
 def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     folder = tmp_path_factory.mktemp("pages")
@@ -57,7 +65,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     first_of = {each["family"]: each for each in reversed(demo.worlds(families))}
     driving = Content(worlds=[first_of[family] for family in families if family in first_of])
     first = driving.worlds[-1]
-    told = {"demo": {"first": f"{first['kind']}: {first['family']}", "unable": demo.unable()}}
+    told = {"demo": demo.told(site="") | opened(f"{first['kind']}: {first['family']}")}
     text = rendered("demo", driving, made("demo", driving), demo.BUDGET, told, AGENTS)
     files["demo"].write_text(text, encoding="utf-8")
     return files
@@ -122,7 +130,7 @@ def test_robot_policy_pad_and_play_are_in_one_view_and_nothing_moves_unasked(
         tab = watched.page
         assert not tab.evaluate("replay.playing")
         assert tab.evaluate("document.activeElement === document.body")
-        tab.get_by_role("button", name="drive yourself").click()
+        tab.get_by_role("button", name="drive it yourself").click()
         tab.wait_for_timeout(200)
         assert tab.evaluate("[replay.playing, drive.hand.actor.x.length]") == [False, 1]  # the clock waits for a key
         shown = """() => {
@@ -210,7 +218,7 @@ def test_all_that_the_page_drives_is_driven_again_when_the_scene_changes(
         # no robot that arrived has driven through what stands there now
         least = "drive.runs.filter((run) => run.actor.outcome === 'success').map((run) => run.measures.clearance)"
         assert all(each >= 0.0 for each in tab.evaluate(least))
-        tab.get_by_role("button", name="undo all").click()
+        tab.get_by_role("button", name="reset scene").click()
         watched.until(DRIVEN)
         assert tab.evaluate(POSES) == before
         assert watched.errors == []
@@ -283,7 +291,7 @@ def test_a_link_shows_the_same_runs_and_python_drives_them(browser: Browser, fil
         x, y, _ = tab.evaluate("replay.world.goal")
         drag(tab, [[x + 0.8, y + 0.6], [x + 1.0, y + 1.1]])
         watched.until(DRIVEN)
-        tab.evaluate("replay.seek(17)")
+        tab.evaluate("replay.toggle(false); replay.seek(17)")
         same_in_python(tab, "dwa (by hand)")
         url = taken(tab, "copy link")
         other = watched.context.new_page()
@@ -298,10 +306,59 @@ def test_a_link_shows_the_same_runs_and_python_drives_them(browser: Browser, fil
         assert watched.errors == []
 
 
+def test_a_race_has_a_result_and_its_link_carries_the_run(browser: Browser, files: dict[str, Path]) -> None:
+    with Watched(browser, files["demo"], viewport={"width": 390, "height": 844}, reduced_motion="reduce") as watched:
+        tab = watched.page
+        banner = tab.locator(".banner")
+        tab.get_by_role("button", name="Race it").click()
+        assert "starts the clock" in banner.inner_text()
+        for key in ("ArrowLeft", "ArrowUp"):
+            tab.keyboard.down(key)
+            tab.wait_for_timeout(150)
+        watched.until(f"drive.hand.actor.outcome !== '' && {DRIVEN}")
+        told = banner.inner_text()
+        assert ("Finished in" in told) == tab.evaluate("drive.hand.actor.outcome === 'success'")
+        assert f"You {'crashed' if 'Crashed' in told else ''}" in told
+        assert all(f"{rival} " in told for rival in ("trained network (PPO)", "A* (astar_tracker)", "vfh_plus"))
+        same_in_python(tab, "you, by keyboard or pad")
+        other = watched.context.new_page()
+        other.goto(taken(tab, "Copy a link to race this run"))
+        other.evaluate("ready")
+        driven = POSES.replace("drive.runs", "drive.runs.filter((run) => run.tape.length)")
+        (_, mine), (_, ghost) = (each.evaluate(driven)[0] for each in (tab, other))
+        assert ghost == mine
+        other.get_by_role("button", name="Race the ghost").click()
+        assert other.evaluate("drive.runs.length") == 5  # three rivals, the ghost, and another hand
+        tab.keyboard.up("ArrowUp")
+        tab.keyboard.press("r")
+        assert "starts the clock" in banner.inner_text()
+        assert tab.evaluate("drive.hand.actor.x.length") == 1
+        assert watched.errors == []
+
+
+def test_the_chosen_policy_goes_first_and_all_stand_at_the_start(browser: Browser, files: dict[str, Path]) -> None:
+    with Watched(browser, files["demo"], reduced_motion="reduce") as watched:
+        tab = watched.page
+        begun = """() => {
+          picks.restore({ family: 'team: doorway_4', seed: 0 });
+          drive.clear();
+          for (const label of ['scan_planner', 'dwa', 'orca_team']) drive.add({ label }, label === 'scan_planner');
+          return drive.runs.map(({ actor }) => [actor.x.length, ...actor.others.map(({ x }) => x.length)]);
+        }"""
+        assert tab.evaluate(begun) == [[1, 1, 1, 1]] * 3
+        tab.evaluate("drive.pump(1); replay.choose(drive.runs[2].actor); drive.pump(20000)")
+        first = tab.evaluate(
+            "() => { drive.abort(); drive.changed(); drive.pump(1); return drive.jobs[0].run.asked.label; }"
+        )
+        assert first == "orca_team"
+        assert watched.errors == []
+
+
 @pytest.mark.parametrize(
     ("changed", "told"),
     [
         (lambda text: text[:-40], "cut off or was changed"),
+        (lambda text: text[9:], "cut off or was changed"),
         pytest.param(lambda text: text.replace("p3dx", "p3dy"), "robot is", marks=pytest.mark.slow),
         pytest.param(lambda text: text.replace("%22v%22%3A1", "%22v%22%3A9"), "version", marks=pytest.mark.slow),
     ],
@@ -398,7 +455,7 @@ def test_docking_is_driven_by_laws_and_by_hand_up_to_the_wall_for_every_hull(
             assert tab.evaluate("drive.runs[0].actor.outcome") == "success"
         tab.evaluate(CHOSEN, "omni3")
         assert "waypoint" in tab.evaluate("[...drive.who.options].map((each) => each.value)")
-        tab.get_by_role("button", name="drive yourself").click()
+        tab.get_by_role("button", name="drive it yourself").click()
         tab.keyboard.down("ArrowUp")
         watched.until("drive.hand.actor.x.length > 30 || drive.hand.actor.outcome")
         tab.keyboard.up("ArrowUp")
@@ -554,11 +611,11 @@ def test_teams_and_people_are_driven_by_laws_by_hand_and_by_python(browser: Brow
             same_in_python(tab, label)
         tab.evaluate(CHOSEN, "p3dx")
         # people go on walking while one drives by hand
-        tab.get_by_role("button", name="drive yourself").click()
+        tab.get_by_role("button", name="drive it yourself").click()
         tab.keyboard.down("ArrowUp")
         watched.until("drive.hand.actor.x.length > 20")
         tab.keyboard.up("ArrowUp")
-        assert tab.evaluate("drive.hand.actor.others.every(({ y }) => Math.abs(y.at(-1) - y[0]) > 0.1)")
+        assert tab.evaluate("drive.hand.actor.others.every(({ x, y }) => x.at(-1) !== x[0] || y.at(-1) !== y[0])")
         # of a person who walks otherwise a link tells all, and what nobody walks like is refused
         tab.evaluate("drive.clear(); drive.editor.change((world) => { world.walks[0][9] = 0.4; })")
         tab.evaluate("drive.add({ label: 'orca_team' }); drive.pump(20000)")

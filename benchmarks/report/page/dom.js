@@ -42,7 +42,7 @@ let inks = null;
 function ink(name) {
   if (inks === null) {
     const style = getComputedStyle(document.documentElement);
-    inks = new Map(["--paper", "--ink", "--faint", "--line", "--panel", "--accent", "--solid", "--path", "--goal", "--fail"]
+    inks = new Map(["--paper", "--ink", "--faint", "--line", "--edge", "--panel", "--accent", "--solid", "--path", "--goal", "--fail"]
       .concat([...Array(COLOURS).keys()].map((k) => `--c${k}`)).map((each) => [each, style.getPropertyValue(each).trim()]));
   }
   return inks.get(name);
@@ -65,5 +65,8 @@ function swatch(label) {
   return draw("svg", { viewBox: "0 0 30 12", class: "swatch", "aria-hidden": "true" },
     draw("line", { x1: 1, y1: 6, x2: 29, y2: 6, stroke: colourOf(label), "stroke-width": 4, "stroke-dasharray": dashOf(label) }));
 }
+
+// A policy's label as it is shown.
+const called = (label) => label.replace(/^(\w+) \(trained\)/, (_, name) => `trained network (${name === "ppo" ? "PPO" : name})`).replace("(by hand)", "(hand-tuned)").replace("astar_tracker", "A* (astar_tracker)");
 
 const short = (value, digits = 3) => (value === null || Number.isNaN(value) ? "" : Number(value.toPrecision(digits)).toString());

@@ -24,32 +24,28 @@ class Draws {
       replay.picks.append(el("label", {}, label, box));
       return box;
     };
-    this.family = select("family", () => this.fill());
-    this.seed = select("seed", () => this.show());
+    this.family = select("scene", () => this.fill());
+    this.seed = select("number", () => this.show());
     this.family.replaceChildren(...[...this.families.keys()].map((key) => el("option", { value: key }, key)));
-    this.family.value = replay.told.demo.first;
+    this.family.value = replay.told.demo.opening.place.family;
     this.fill();
   }
 
   fill() {
     const worlds = this.families.get(this.family.value);
-    this.seed.replaceChildren(...worlds.map((world, k) => el("option", { value: k }, `${world.seed}${world.tier ? `, ${world.tier}` : ""}`)));
+    this.seed.replaceChildren(...worlds.map((world, k) => el("option", { value: k }, `no. ${world.seed}${world.tier ? `, ${world.tier} difficulty` : ""}`)));
     this.show();
   }
 
   show() {
+    if (drive && !this.silent) drive.robot.value = drive.robotFor(this.families.get(this.family.value)[0]);
     const robot = drive ? drive.robot.value : "p3dx";
     const world = fitted(this.families.get(this.family.value)[Number(this.seed.value)], HULLS[robot]);
-    const labels = drive ? drive.runs.filter((run) => !run.reference).map((run) => run.asked.label) : [];
     if (drive) drive.clear();
-    this.replay.show(world, robot, [], `${world.family}, seed ${world.seed}: a scenario of the training split.${world.walks ? ` ${ABOUT_BODIES[world.kind]}` : ""}`);
+    this.replay.show(world, robot, [], `${world.family}, no. ${world.seed}: a scene of the test split, which no agent was trained in.${world.walks ? ` ${ABOUT_BODIES[world.kind]}` : ""}`);
     if (!drive || this.silent) return;
-    const able = drive.able();
-    if (labels.some((label) => able.includes(label))) {
-      for (const label of labels) if (able.includes(label)) drive.add({ label }, label === drive.who.value);
-      drive.catchUp();
-      this.replay.toggle(true);
-    } else drive.go();
+    if (drive.who.value === KEYBOARD) drive.who.value = drive.usual(drive.able()) || KEYBOARD;
+    drive.go(false);
   }
 
   // Which scenario is shown, and back.

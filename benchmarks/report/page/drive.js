@@ -1,6 +1,8 @@
 // Drives policies in the page: each run goes to its end by the package's own kernels, and again whenever the scene changes.
 
 const KEYBOARD = "you, by keyboard or pad";
+const GHOST = "a friend (ghost)"; // what a link carries of a run by hand
+const MOTORS = { ideal: "perfect", lagged: "normal", slow: "sluggish" };
 const FAST = 6; // ms of a frame for the simulator
 const IDLE = 14; // ms at a time while nothing plays
 const AHEAD = 3000; // ms to catch up at once
@@ -12,14 +14,17 @@ const outlined = (world) => Boolean(world.walls && !world.grid);
 
 // What was driven by hand, once more.
 class Tape {
-  constructor(twists, rest) {
-    this.twists = twists;
-    this.rest = rest;
-    this.step = 0;
+  constructor(run, simulator) {
+    run.driven = []; // what all were asked for
+    Object.assign(this, { run, step: 0, beside: simulator.crowd && pilotFor(simulator, "orca_team") });
   }
 
+  // The others of a team drive by a law.
   act() {
-    return this.twists[this.step++] || this.rest;
+    const { tape, driven } = this.run;
+    const twist = tape[this.step++] || [0, 0, 0];
+    driven.push(this.beside ? [twist, ...this.beside.act().slice(1)] : twist);
+    return driven[driven.length - 1];
   }
 }
 
@@ -29,31 +34,32 @@ class Drive {
     this.kernels = kernels;
     this.free = free; // whether the robot is chosen here
     this.runs = []; // what the page drives: what was asked, the actor, whether it is to be driven
-    this.job = null; // the run that is driven now, with its simulator
+    this.jobs = [null, null]; // the runs that are driven now, with their simulators: the second one in a memory of its own
+    this.twin = null; // that memory, once there are two panes
     this.hand = null; // the run that is driven by hand
     this.held = new Set();
     const select = (label, options, change = () => {}) => {
-      const box = el("select", { on: { change } }, options.map((each) => el("option", { value: each }, each)));
+      const box = el("select", { on: { change } }, options.map((each) => el("option", { value: each }, MOTORS[each] || each)));
       return [box, el("label", {}, label, box)];
     };
     const button = (text, click, attributes = {}) => el("button", { type: "button", ...attributes, on: { click } }, text);
     const [who, whoLabel] = select("policy", [], () => this.chosenPolicy());
     const [from, fromLabel] = select("from", ["the start", "this moment of the chosen robot"]);
-    const [robot, robotLabel] = select("robot", robotsOf(kernels), () => this.embody());
-    const [tier, tierLabel] = select("actuators", kernels.tables.tiers, () => this.offer());
+    const [robot, robotLabel] = select("robot", robotsOf(kernels), () => { this.picked = true; this.embody(); });
+    const [tier, tierLabel] = select("motors", kernels.tables.tiers, () => this.offer());
     const [disturbance, disturbanceLabel] = select("disturbance", Object.keys(kernels.tables.disturbances));
     Object.assign(this, { who, from, robot, tier, disturbance });
     tier.value = "lagged";
     who.setAttribute("aria-label", "policy");
     whoLabel.className = "hidden";
-    this.goButton = button("drive", () => this.go(), { class: "go" });
-    this.allButton = button("let all drive", () => this.all());
-    this.handButton = button("drive yourself", () => { this.who.value = KEYBOARD; this.go(); });
+    this.goButton = button("run this one", () => this.go(), { class: "go" });
+    this.allButton = button("race them all", () => this.all());
+    this.handButton = button("drive it yourself (arrow keys)", () => { this.who.value = KEYBOARD; this.go(); });
     this.result = el("p", { class: "note", role: "status" });
     this.cannot = el("p", { class: "note" });
     this.pad = el("div", { class: "pad", hidden: true, role: "group", "aria-label": "drive by hand" });
     replay.board.append(this.pad);
-    replay.quick.append(el("div", { class: "whole" }, who, this.goButton), el("div", { class: "whole" }, this.allButton, this.handButton), this.result);
+    replay.quick.append(who, el("div", { class: "whole" }, this.goButton, this.allButton), this.handButton, this.result);
     this.conditionsPart = el("details", { open: true, class: "scenes" }, el("summary", {}, "Robot and conditions"),
       el("div", { class: "pick" }, free ? robotLabel : null, tierLabel, disturbanceLabel, fromLabel));
     this.editor = new Editor(this);
@@ -62,6 +68,7 @@ class Drive {
     this.sheets = {}; // data sheets of robots of one's own, by name
     this.scenes = 0; // changes of the scene so far
     this.share = new Share(this);
+    this.race = new Race(this);
     this.aboutPart = el("details", { class: "drive" }, el("summary", {}, "About this simulator"),
       el("p", { class: "note" }, "The page runs the package's own compiled code: without disturbance, runs are those of Python to the last bit. ",
         "Disturbed runs draw the page's own noise. Arrows drive and turn; an omni base also moves sideways with A and D and turns with Q and E. ",
@@ -75,9 +82,10 @@ class Drive {
   wire() {
     const { replay } = this;
     replay.advance = (due) => this.advance(due);
-    replay.busy = () => Boolean((this.hand && !this.hand.actor.outcome) || this.runs.some((run) => run.pending));
+    replay.busy = () => Boolean((this.hand && !this.hand.actor.outcome) || this.runs.some((run) => run.pending && !run.actor.hidden));
     replay.driven = (event, down) => this.key(event, down);
     replay.leaves = (actor) => this.forget(this.runs.find((run) => run.actor === actor));
+    replay.splits = async () => { this.twin = this.twin || await this.kernels.twin(); this.wake(); };
     replay.canvas.addEventListener("keyup", (event) => this.key(event, false));
     replay.canvas.addEventListener("blur", () => this.held.clear());
   }
@@ -92,7 +100,15 @@ class Drive {
 
   // Who drives where nobody was chosen: a trained agent, among bodies reciprocal avoidance.
   usual(labels) {
-    return labels.find((each) => /^(ppo|agent)\b/.test(each)) || labels.find((each) => each === "orca_team") || labels[0];
+    return labels.find((each) => each.endsWith("(trained)") || each === "agent") || labels.find((each) => each === "orca_team") || labels[0];
+  }
+
+  // The robot that a scene opens with: one that a trained agent drives there, unless one was picked.
+  robotFor(world) {
+    const task = taskOf(this.kernels, world);
+    const has = (robot) => pilotsOf(this.kernels, task, robot, this.tier.value).some((each) => each.endsWith("(trained)"));
+    const { value } = this.robot;
+    return this.picked || has(value) ? value : robotsOf(this.kernels, task).find(has) || value;
   }
 
   // Which policies can drive here, and which cannot and why.
@@ -104,7 +120,7 @@ class Drive {
     if (told && told !== this.toldOf) { this.toldOf = told; this.tier.value = told.actuators; }
     const able = this.able();
     const before = who.value;
-    who.replaceChildren(...[KEYBOARD, ...able].map((each) => el("option", { value: each }, each)));
+    who.replaceChildren(...[KEYBOARD, ...able].map((each) => el("option", { value: each }, called(each))));
     who.value = able.includes(before) || before === KEYBOARD ? before : this.usual(able) || KEYBOARD;
     const others = replay.told.demo ? (replay.told.demo.unable || {})[replay.world.kind] || [] : [];
     const unable = [...new Set([...replay.actors.filter((actor) => actor.told && !able.includes(actor.policy)).map((actor) => actor.policy), ...others])];
@@ -114,6 +130,7 @@ class Drive {
     if (outlined(replay.world)) this.cannot.textContent += " The map is too large for the page: here one drives among the walls of its outline, and runs are near those of Python, not the same to the last bit.";
     for (const each of [this.goButton, this.allButton, this.handButton]) each.disabled = !this.task;
     this.gains.offer();
+    this.race.tellScene();
   }
 
   // The policy of the list is the one whose gains are shown, and whose run is looked at where it drives.
@@ -139,15 +156,12 @@ class Drive {
   // Another robot drives: what a hull docks at comes up to it.
   embody() {
     const { replay } = this;
-    const labels = this.runs.filter((run) => !run.reference).map((run) => run.asked.label);
     const world = fitted(replay.world, HULLS[this.robot.value]);
     replay.robot = this.robot.value;
     this.clear();
     if (world !== replay.world) this.world = this.original = world;
     replay.show(world, replay.robot, [], replay.told_of.textContent);
-    const able = this.able();
-    for (const label of labels) if (able.includes(label)) this.add({ label });
-    this.catchUp();
+    this.go(false);
   }
 
   conditions() {
@@ -166,8 +180,7 @@ class Drive {
     replay.seek(step);
     this.catchUp();
     if (play) replay.canvas.focus({ preventScroll: true });
-    const still = window.matchMedia("(prefers-reduced-motion: reduce)").matches;
-    if (label !== KEYBOARD && (play || !still)) replay.toggle(true);
+    if (label !== KEYBOARD && (play || !still())) replay.toggle(true);
   }
 
   all() {
@@ -179,7 +192,7 @@ class Drive {
   }
 
   // Adds a run of a policy; the one that it had under the same conditions goes.
-  add({ label, from = null, step = 0, gains = {}, reference = false }, choose = true) {
+  add({ label, from = null, step = 0, gains = {}, reference = false, tape = [] }, choose = true) {
     const { replay } = this;
     const conditions = this.conditions();
     const same = (run) => run.asked.label === label && Boolean(run.reference) === reference && !from && !run.asked.from && JSON.stringify(run.asked.conditions) === JSON.stringify(conditions);
@@ -187,9 +200,10 @@ class Drive {
     const other = this.runs.some((run) => run.asked.label === label && !reference);
     const about = [other && conditions.actuators, other && conditions.disturbance !== "none" && conditions.disturbance, reference && "untouched"].filter(Boolean).join(", ");
     const kept = from && { ...from, x: Array.from(from.x).slice(0, step + 3), y: Array.from(from.y).slice(0, step + 3), heading: Array.from(from.heading).slice(0, step + 3), others: (from.others || []).map(({ x, y }) => ({ x: x.slice(0, step + 3), y: y.slice(0, step + 3) })), error: from.error && Array.from(from.error).slice(0, step + 3) };
-    const actor = { x: [], y: [], heading: [], others: [], version: 0, policy: label, label: about ? `${label}, ${about}` : label, outcome: "", note: "", robot: conditions.robot,
+    const actor = { x: [], y: [], heading: [], others: [], version: 0, policy: label, label: about ? `${called(label)}, ${about}` : called(label), outcome: "", note: "", robot: conditions.robot,
       error: replay.world.kind === "path" ? [] : null, ghost: false };
-    const run = { asked: { label, from: kept, step, conditions, gains }, actor, pending: true, reference, tape: [] };
+    const run = { asked: { label, from: kept, step, conditions, gains }, actor, pending: true, reference, tape };
+    this.placed(run);
     this.runs.push(run);
     replay.add(actor, choose);
     if (choose) this.replay.listeners.forEach((each) => each());
@@ -197,11 +211,24 @@ class Drive {
     return run;
   }
 
-  // Driven by hand: the clock waits for the first key; beside it the trained agent, where one is there and nothing else drives.
+  // Where a run begins is shown at once, before its turn comes.
+  placed(run) {
+    const { actor, asked: { from, step, conditions } } = run;
+    if (from) return;
+    const key = JSON.stringify(conditions);
+    if (!this.starts || this.starts.world !== this.replay.world || this.starts.scenes !== this.scenes || this.starts.key !== key) {
+      const simulator = new Simulator(this.kernels, this.replay.world, conditions);
+      simulator.reset();
+      this.starts = { world: this.replay.world, scenes: this.scenes, key, pose: simulator.pose, error: this.errorOf(simulator), others: simulator.others };
+      simulator.free();
+    }
+    this.note(actor, this.starts.pose, this.starts.error, this.starts.others);
+  }
+
+  // Driven by hand, against some that drive beside it: the clock waits for the countdown, or for the first key.
   takeOver(from, step) {
     this.endHand();
-    const label = this.usual(this.able());
-    if (!from && label && !this.replay.actors.some((actor) => !actor.ghost && actor.policy !== KEYBOARD)) this.add({ label }, false);
+    for (const label of from ? [] : this.race.rivals()) if (!this.runs.some((run) => run.asked.label === label)) this.add({ label }, false);
     const run = this.add({ label: KEYBOARD, from, step });
     run.pending = false;
     this.abort();
@@ -214,16 +241,17 @@ class Drive {
       return;
     }
     this.layPad();
-    this.replay.hint.hidden = false;
-    this.replay.hint.textContent = "Your first key or pad press starts the clock.";
+    this.replay.pace(1);
     this.replay.fit();
+    this.race.countDown();
+    this.wake();
   }
 
   layPad() {
     const omni = this.hand.simulator.body.axes.length > 2;
-    const keys = omni ? [["↶", "q", "turn left"], ["↑", "ArrowUp", "ahead"], ["↷", "e", "turn right"], ["←", "a", "to the left"], ["↓", "ArrowDown", "back"], ["→", "d", "to the right"]]
-      : [["↶", "ArrowLeft", "turn left"], ["↑", "ArrowUp", "ahead"], ["↷", "ArrowRight", "turn right"], null, ["↓", "ArrowDown", "back"], null];
-    this.pad.replaceChildren(...keys.map((each) => (each === null ? el("span") : el("button", { type: "button", "aria-label": each[2], on: {
+    const keys = omni ? [["turn left", "q"], ["ahead", "ArrowUp"], ["turn right", "e"], ["left", "a"], ["back", "ArrowDown"], ["right", "d"]]
+      : [["left", "ArrowLeft"], ["ahead", "ArrowUp"], ["right", "ArrowRight"], null, ["back", "ArrowDown"], null];
+    this.pad.replaceChildren(...keys.map((each) => (each === null ? el("span") : el("button", { type: "button", on: {
       pointerdown: (event) => { event.preventDefault(); this.press(each[1], true); }, pointerup: () => this.press(each[1], false),
       pointercancel: () => this.press(each[1], false), pointerleave: () => this.press(each[1], false), contextmenu: (event) => event.preventDefault(),
       keydown: (event) => { if (event.key === " " || event.key === "Enter") this.press(each[1], true); }, keyup: () => this.press(each[1], false) } }, each[0]))));
@@ -234,8 +262,7 @@ class Drive {
     if (!down) { this.held.delete(key); return; }
     if (!this.hand || this.hand.actor.outcome) return;
     this.held.add(key);
-    this.replay.hint.hidden = true;
-    this.replay.toggle(true);
+    this.race.go();
   }
 
   key(event, down) {
@@ -255,15 +282,11 @@ class Drive {
       turn * (on("ArrowLeft", "q") - on("ArrowRight", "e") + (omni ? 0 : on("a") - on("d")))];
   }
 
-  // What a step by hand asks of all: of the other robots of a team what a law does.
-  byHand({ simulator, beside }) {
-    const twist = this.twistByHand(simulator);
-    return simulator.crowd ? [twist, ...beside.act().slice(1)] : twist;
-  }
-
   endHand() {
     if (!this.hand) return;
     this.abort(); // its simulator lies below that of the job
+    this.race.clear();
+    this.replay.pace(PLAYBACK);
     if (this.hand.simulator) this.hand.simulator.free();
     if (!this.hand.actor.outcome) this.hand.actor.note = "stopped";
     this.hand.simulator = null;
@@ -275,7 +298,7 @@ class Drive {
 
   forget(run, listed = false) {
     if (!run) return;
-    if (this.job && this.job.run === run) this.abort();
+    this.jobs.forEach((job, k) => { if (job && job.run === run) this.abort(k); });
     if (this.hand === run) this.endHand();
     this.runs = this.runs.filter((each) => each !== run);
     if (listed) this.replay.actors = this.replay.actors.filter((actor) => actor !== run.actor);
@@ -289,10 +312,12 @@ class Drive {
     this.runs = [];
   }
 
-  // Stops the run that is driven now: it begins anew when its turn comes.
-  abort() {
-    if (this.job) this.job.simulator.free();
-    this.job = null;
+  // Stops the runs that are driven now, or one of them: they begin anew when their turn comes.
+  abort(...lanes) {
+    for (const lane of lanes.length ? lanes : [0, 1]) {
+      if (this.jobs[lane]) this.jobs[lane].simulator.free();
+      this.jobs[lane] = null;
+    }
   }
 
   failed(run, error) {
@@ -302,8 +327,9 @@ class Drive {
     if (this.hand === run) { this.hand = null; this.forget(run, true); this.replay.listActors(); }
   }
 
-  begin(run, byHand = false) {
-    const { replay, kernels } = this;
+  begin(run, byHand = false, lane = 0) {
+    const { replay } = this;
+    const kernels = lane ? this.twin : this.kernels;
     const { from, step, conditions, label, gains } = run.asked;
     const simulator = new Simulator(kernels, replay.world, conditions);
     try {
@@ -311,14 +337,15 @@ class Drive {
       const note = this.again(simulator, run.asked);
       if (from) for (let k = 0; k < step; k++) this.note(draft, [from.x[k], from.y[k], from.heading[k]], from.error ? from.error[k] : 0, from.others.map(({ x, y }) => [x[k], y[k]]));
       this.note(draft, simulator.pose, this.errorOf(simulator), simulator.others);
-      const pilot = byHand ? null : label === KEYBOARD ? new Tape(run.tape, simulator.crowd ? simulator.each.map(() => [0, 0, 0]) : [0, 0, 0]) : pilotFor(simulator, label, gains);
-      if (!byHand && !pilot) throw new Error("the page has no such policy for this robot");
+      if (byHand) run.tape = [];
+      const pilot = [KEYBOARD, GHOST].includes(label) ? new Tape(run, simulator) : pilotFor(simulator, label, gains);
+      if (!pilot) throw new Error("the page has no such policy for this robot");
       run.exact = note;
       // what is shown already stays until the new run is there
       if (run.actor.x.length < 2) Object.assign(run.actor, draft, { outcome: "", version: run.actor.version + 1 });
       const target = run.actor.x === draft.x ? run.actor : draft;
-      if (byHand) Object.assign(run, { simulator, target, tape: [], beside: simulator.crowd && pilotFor(simulator, "orca_team") });
-      else this.job = { run, simulator, pilot, target };
+      if (byHand) Object.assign(run, { simulator, target, pilot });
+      else this.jobs[lane] = { run, simulator, pilot, target };
     } catch (error) {
       simulator.free();
       throw error;
@@ -381,6 +408,8 @@ class Drive {
     run.pending = false;
     run.measures = this.measured(actor);
     actor.note = [run.exact, run.measures.error === null ? "" : `RMS ${short(1000 * run.measures.error)} mm`, `${run.measures.time.toFixed(2)} s`].filter(Boolean).join(", ");
+    if (run === this.hand) this.race.over(run);
+    else this.race.tell();
     if (run === this.hand || this.runs.length === 1) say(`${actor.label}: ${OUTCOMES[outcome]} after ${run.measures.time.toFixed(2)} s.`);
     this.replay.listActors();
     this.gains.compare();
@@ -397,34 +426,34 @@ class Drive {
       clearance: solid ? Math.min(...clearances(actor, world)) : null };
   }
 
-  next() {
-    const pending = this.runs.filter((run) => run.pending);
-    return pending.find((run) => run.actor === this.replay.chosen) || pending[0];
+  // What is to be driven in a memory: the run of its pane before all others, and of the others the one that is on its way.
+  next(lane = 0) {
+    const { chosen, other } = this.replay;
+    const of = (actor) => this.runs.find((run) => run.pending && run.actor === actor);
+    if (lane) return this.twin && of(other);
+    const beside = this.next(1);
+    return of(chosen) || (this.jobs[0] && this.jobs[0].run !== beside && this.jobs[0].run) || this.runs.find((run) => run.pending && run !== beside);
   }
 
   // Drives what is to be driven for some milliseconds; returns whether anything is left.
   pump(budget) {
     const begun = performance.now();
     while (performance.now() - begun < budget) {
-      if (!this.job) {
-        const run = this.next();
-        if (!run) return false;
-        try {
-          this.begin(run);
-        } catch (error) {
-          this.failed(run, error);
-          continue;
-        }
-      }
-      const { run, simulator, pilot, target } = this.job;
+      const wanted = [0, 1].map((each) => this.next(each));
+      if (!wanted[0] && !wanted[1]) return false;
+      wanted.forEach((run, each) => { if (this.jobs[each] && this.jobs[each].run !== run) this.abort(each); }); // who is looked at goes first
+      const reached = wanted.map((run, each) => (!run ? Infinity : this.jobs[each] ? this.jobs[each].target.x.length : 0));
+      const lane = reached[1] < reached[0] ? 1 : 0;
       try {
+        if (!this.jobs[lane]) this.begin(wanted[lane], false, lane);
+        const { run, simulator, pilot, target } = this.jobs[lane];
         if (!this.tick(run, simulator, pilot.act(), target)) continue;
       } catch (error) {
-        this.failed(run, error);
+        this.failed(wanted[lane], error);
       }
-      this.abort();
+      this.abort(lane);
     }
-    return Boolean(this.job || this.next());
+    return Boolean(this.next() || this.next(1));
   }
 
   // While the picture plays: the hand in the time that has passed, the others as far as the frame has room.
@@ -433,9 +462,8 @@ class Drive {
     if (hand && !hand.actor.outcome) {
       const until = Math.min(due, hand.actor.x.length + 40);
       while (hand.actor.x.length - 1 < until) {
-        const twist = this.byHand(hand);
-        hand.tape.push(twist);
-        if (this.tick(hand, hand.simulator, twist, hand.target)) { this.held.clear(); break; }
+        hand.tape.push(this.twistByHand(hand.simulator));
+        if (this.tick(hand, hand.simulator, hand.pilot.act(), hand.target)) { this.held.clear(); break; }
       }
     }
     this.pump(this.looks.on ? 0.5 * FAST : FAST);
@@ -447,7 +475,7 @@ class Drive {
     if (this.awake) return;
     this.awake = true;
     const turn = () => {
-      const left = this.replay.playing ? Boolean(this.next()) : this.pump(IDLE);
+      const left = this.replay.playing ? Boolean(this.next() || this.next(1)) : this.pump(IDLE);
       const now = performance.now();
       if (!this.replay.playing && (!left || now - (this.shownAt || 0) > 120)) {
         this.shownAt = now;
@@ -476,7 +504,7 @@ class Drive {
       this.endHand();
       run.pending = run.tape.length > 0;
     }
-    for (const run of this.runs) if (run.asked.label !== KEYBOARD || run.tape.length) run.pending = true;
+    for (const run of this.runs) if (run.asked.label !== KEYBOARD || run.tape.length) { run.pending = true; run.actor.outcome = ""; }
     this.catchUp();
     this.replay.refresh(true);
   }

@@ -63,7 +63,7 @@ class Editor {
     this.buttons = Object.fromEntries(Object.entries(TOOLS).map(([tool, text]) => [tool, button(text, () => this.take(this.tool === tool ? null : tool), { "aria-pressed": "false" })]));
     this.file = el("input", { type: "file", accept: ".json,application/json,image/*", class: "hidden", tabindex: "-1", "aria-label": "scenario, image of a map or robot's data sheet", on: { change: () => this.load(this.file.files[0]) } });
     this.part = el("details", { open: true }, el("summary", {}, "Edit the scene"), el("div", { class: "files" }, Object.values(this.buttons)),
-      el("div", { class: "files" }, button("remove", () => this.remove()), button("undo all", () => this.undo()), button("save scenario", () => this.save()),
+      el("div", { class: "files" }, button("remove", () => this.remove()), button("reset scene", () => this.undo()), button("save scenario", () => this.save()),
         button("load scenario or image", () => this.file.click()), this.file));
     this.replay.overlay = (context, pixel) => this.marks(context, pixel);
     this.replay.grab = (event) => this.grab(event);
@@ -251,6 +251,16 @@ class Editor {
       });
     }
     if (this.replay.world !== this.drive.original) this.drive.changed();
+    if (tool !== "move") this.ended(tool);
+  }
+
+  // What was drawn ends the tool; another one is a click away.
+  ended(tool) {
+    this.take(null);
+    const { hint } = this.replay;
+    hint.hidden = false;
+    hint.replaceChildren("They drive around it now.", el("button", { type: "button", on: { click: () => this.take(tool) } }, `another ${tool}`), el("button", { type: "button", on: { click: () => { hint.hidden = true; } } }, "done"));
+    this.replay.toggle(true);
   }
 
   // A drawn line is a scenario of its own, and the policies that follow paths drive along it.
@@ -259,6 +269,7 @@ class Editor {
     const { drive, replay } = this;
     const world = { kind: "path", name: "drawn", family: "", tier: "", quantity: null, steps: 2400, ...drawn, laps: 1, corridor: 1, start: null, start_offset: 0, start_turn: 0, edited: true };
     this.open(world, "A path that you drew.");
+    this.take(null);
     drive.all();
   }
 

@@ -197,7 +197,7 @@ class Looks {
     this.replay = drive.replay;
     this.on = false;
     this.sides = [0, 1].map(() => ({ shadow: null, kernels: null })); // of the two panes
-    this.button = el("button", { type: "button", "aria-pressed": "false", class: "kept", title: "what the policy looks at", on: { click: () => this.turn(!this.on) } }, "overlay");
+    this.button = el("button", { type: "button", "aria-pressed": "false", class: "kept", title: "what the policy looks at", on: { click: () => this.turn(!this.on) } }, "show its thinking");
     this.legend = el("p", { class: "hint legend-look", hidden: true });
     this.replay.scanButton.after(this.button);
     this.replay.board.append(this.legend);
@@ -298,7 +298,7 @@ class Looks {
       looked = this.at(side, view, run, look, step);
     } catch (error) {
       this.turn(false);
-      drive.result.textContent = `The overlay cannot be drawn: ${error.message}.`;
+      drive.result.textContent = `Its thinking cannot be drawn: ${error.message}.`;
     }
     if (!looked) return;
     const brush = new Brush(view.context, 1 / view.pixels, [actor.x[step], actor.y[step], actor.heading[step]], HULLS[actor.robot] || 0.25);
@@ -311,7 +311,7 @@ class Looks {
     const shown = [found, other && this.run(other)].filter(Boolean); // of either pane
     const told = [...new Set(shown.map(({ run, look }) => `${run.asked.label}: ${look.title}`))].join("; ");
     this.button.disabled = !shown.length;
-    this.button.title = told || "this policy has no overlay";
+    this.button.title = told || "the page draws no thinking of this policy";
     this.legend.hidden = !(this.on && shown.length);
     this.legend.textContent = told;
   }

@@ -53,14 +53,17 @@ async function main() {
   picks = told.demo ? new Draws(replay) : new Picks(replay);
   if (!told.kernels) return;
   if (typeof WebAssembly === "undefined") {
-    replay.side.prepend(el("p", { class: "problem" }, "This browser has no WebAssembly: episodes can be replayed, but nothing can be driven here."));
+    replay.side.prepend(el("p", { class: "problem" }, "This browser has no WebAssembly, so no robot can be driven here; current versions of Chrome, Edge, Firefox and Safari have it. Recorded episodes can be replayed."));
     return;
   }
   try {
     const slice = ([at, length]) => packed.slice(at, at + length);
     const tables = { ...told.kernels, blobs: told.kernels.blobs.map(slice) };
     drive = new Drive(replay, await Kernels.load(slice(told.kernels.module), tables), Boolean(told.demo));
-    if (!restored() && told.demo) drive.go(false);
+    if (!restored() && told.demo) {
+      drive.share.restore(encodeURIComponent(JSON.stringify(told.demo.opening)));
+      if (!still()) replay.toggle(true);
+    }
   } catch (error) {
     replay.side.prepend(el("p", { class: "problem" }, `Nothing can be driven here: ${error.message}.`));
   }

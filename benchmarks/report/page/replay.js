@@ -12,7 +12,8 @@ function rmsOf(actor, step) {
   return length ? Math.sqrt(sum / length) : 0;
 }
 
-const OUTCOMES = { success: "success", collision: "collision", left_corridor: "left the corridor", timeout: "clock ran out" };
+const OUTCOMES = { success: "success", collision: "collision", left_corridor: "left the corridor", timeout: "time limit" };
+const PLAYBACK = 2; // times as fast as the robots
 
 class Replay {
   constructor(told, packed) {
@@ -20,7 +21,7 @@ class Replay {
     this.packed = packed;
     this.step = 0;
     this.last = 1;
-    this.rate = 1;
+    this.rate = PLAYBACK;
     this.playing = false;
     this.follows = false;
     this.scans = true;
@@ -48,29 +49,21 @@ class Replay {
       new Trace("speed", "m/s", speeds, (k) => this.seek(k)),
       new Trace("clearance", "m", clearances, (k) => this.seek(k)),
     ];
-    const button = (text, label, click) => el("button", { type: "button", "aria-label": label, title: label, on: { click } }, text);
-    this.playButton = button("▶", "play", () => this.toggle());
+    const button = (text, click, attributes = {}) => el("button", { type: "button", ...attributes, on: { click } }, text);
+    this.playButton = button("play", () => this.toggle(), { class: "play" });
     this.scrubber = el("input", { type: "range", min: 0, max: 1, value: 0, "aria-label": "time", on: { input: () => this.seek(Number(this.scrubber.value)) } });
-    this.rates = el("select", { "aria-label": "speed of the replay", on: { change: () => { this.rate = Number(this.rates.value); } } },
-      RATES.map((rate) => el("option", { value: rate, selected: rate === 1 }, `${rate} ×`)));
-    this.followButton = el("button", { type: "button", "aria-pressed": "false", on: { click: () => this.follow(!this.follows) } }, "follow");
-    this.scanButton = el("button", { type: "button", "aria-pressed": "true", on: { click: () => {
-      this.scans = !this.scans;
-      this.scanButton.setAttribute("aria-pressed", this.scans);
-      this.refresh();
-    } } }, "scan");
-    this.splitButton = el("button", { type: "button", "aria-pressed": "false", class: "kept", title: "two runs side by side", on: { click: () => this.split(this.other ? null : this.actors.find((actor) => actor !== this.chosen && !actor.hidden)) } }, "compare");
+    this.rates = el("select", { "aria-label": "speed of the replay", title: "speed", on: { change: () => { this.rate = Number(this.rates.value); } } },
+      RATES.map((rate) => el("option", { value: rate, selected: rate === PLAYBACK }, `${rate}x`)));
+    this.followButton = el("button", { type: "button", class: "stepwise", "aria-pressed": "false", on: { click: () => this.follow(!this.follows) } }, "follow");
+    this.scanButton = el("button", { type: "button", "aria-pressed": "true", on: { click: () => this.rays(!this.scans) } }, "laser rays");
+    this.splitButton = el("button", { type: "button", "aria-pressed": "false", class: "kept", title: "two runs side by side", on: { click: () => this.split(this.other ? null : this.actors.find((actor) => actor !== this.chosen && !actor.hidden)) } }, "side by side");
     this.clock = el("span", { class: "clock" });
     this.list = el("ul", { class: "actors", "aria-label": "policies" });
     this.picks = el("div", { class: "pick" });
     this.told_of = el("p", { class: "note" });
-    this.fitButton = button("□", "fit the picture", () => { this.follow(false); this.fit(); });
-    this.fitButton.classList.add("stepwise");
-    this.bar = el("div", { class: "bar" }, this.playButton, button("⇤", "to the start", () => this.seek(0)), ...[["|◀", "a step back", -1], ["▶|", "a step on", 1]].map(([text, label, by]) => {
-        const each = button(text, label, () => this.stepBy(by));
-        each.classList.add("stepwise");
-        return each;
-      }), this.scrubber, this.clock, this.rates, this.followButton, this.scanButton, this.splitButton,
+    this.fitButton = button("fit", () => { this.follow(false); this.fit(); }, { class: "stepwise", title: "show the whole scene" });
+    this.bar = el("div", { class: "bar" }, this.playButton, button("to start", () => this.seek(0)),
+      this.scrubber, this.clock, this.rates, this.followButton, this.scanButton, this.splitButton,
       this.fitButton);
     this.hint = el("p", { class: "hint", hidden: true });
     this.board = el("div", { class: "board" }, this.canvas, this.beside, this.hint, this.panes);
@@ -79,9 +72,9 @@ class Replay {
     this.side = el("div", { class: "side" }, this.list, this.scenario);
     this.app = el("div", { class: "app" }, this.board, this.quick, this.bar, this.side, el("div", { class: "traces" }, this.traces.map((trace) => trace.canvas)));
     byId("player").append(this.app);
-    const place = () => this.app.style.setProperty("--top", `${Math.round(this.app.getBoundingClientRect().top + window.scrollY)}px`);
-    new ResizeObserver(place).observe(document.querySelector("header"));
-    place();
+    this.place = () => this.app.style.setProperty("--top", `${Math.round(this.app.getBoundingClientRect().top + window.scrollY)}px`);
+    new ResizeObserver(this.place).observe(document.querySelector("header"));
+    this.place();
     this.wire();
   }
 
@@ -130,8 +123,12 @@ class Replay {
 
   faster(sign) {
     const k = Math.min(Math.max(RATES.indexOf(this.rate) + sign, 0), RATES.length - 1);
-    this.rate = RATES[k];
-    this.rates.value = String(this.rate);
+    this.pace(RATES[k]);
+  }
+
+  pace(rate) {
+    this.rate = rate;
+    this.rates.value = String(rate);
   }
 
   follow(on) {
@@ -140,7 +137,14 @@ class Replay {
     this.refresh();
   }
 
+  rays(on) {
+    this.scans = on;
+    this.scanButton.setAttribute("aria-pressed", on);
+    this.refresh();
+  }
+
   show(world, robot, actors, about) {
+    if (world.kind !== this.world.kind) this.rays(world.kind !== "team");
     this.world = world;
     this.robot = robot;
     this.actors = actors;
@@ -157,6 +161,9 @@ class Replay {
   split(other) {
     this.other = other || null;
     this.beside.hidden = !other;
+    const [x0, y0, x1, y1] = this.view.bounds;
+    this.board.classList.toggle("stacked", Boolean(other) && x1 - x0 > 1.6 * (y1 - y0)); // a wide scene fills the picture so
+    if (other && this.splits) this.splits();
     this.splitButton.setAttribute("aria-pressed", Boolean(other));
     this.listActors();
     this.view.stale = this.otherView.stale = true;
@@ -184,6 +191,16 @@ class Replay {
   stretch() {
     this.last = Math.max(1, ...this.actors.map((actor) => actor.x.length - 1));
     this.scrubber.max = String(this.last);
+    this.step = Math.min(this.step, this.last);
+    this.tell();
+  }
+
+  // The clock; a run that still drives has no end yet.
+  tell() {
+    this.scrubber.value = String(this.step);
+    this.scrubber.setAttribute("aria-valuetext", `${(this.step * DT).toFixed(2)} s`);
+    const end = this.busy && this.busy() ? "" : ` of ${(this.last * DT).toFixed(2)}`;
+    this.clock.textContent = `${(this.step * DT).toFixed(2)}${end} s`;
   }
 
   fit() {
@@ -231,8 +248,8 @@ class Replay {
       const note = [actor.outcome ? OUTCOMES[actor.outcome] : "drives", actor.note, actor.ghost ? "recorded in the scene as it was" : ""].filter(Boolean).join(", ");
       return el("li", { "data-chosen": actor === this.chosen ? "yes" : "no" }, shown, swatch(actor.policy),
         el("button", { type: "button", class: "name", "aria-label": actor.label, "aria-pressed": actor === this.chosen, title: "choose: its scan, its traces, its gains", on: { click: () => this.choose(actor) } }, actor.label),
-        el("button", { type: "button", class: "drop-out", "aria-label": `take out ${actor.label}`, title: "take out", on: { click: () => this.takeOut(actor) } }, "×"),
-        el("small", { class: bad ? "bad" : "" }, `${bad ? "✕ " : ""}${note}`));
+        el("button", { type: "button", class: "drop-out", "aria-label": `take out ${actor.label}`, title: "take out", on: { click: () => this.takeOut(actor) } }, "remove"),
+        el("small", { class: bad ? "bad" : "" }, note));
     }));
     if (held) for (const each of this.list.querySelectorAll("[aria-label]")) if (each.getAttribute("aria-label") === held) each.focus({ preventScroll: true });
   }
@@ -257,10 +274,9 @@ class Replay {
   toggle(on = !this.playing) {
     if (on === this.playing) return;
     this.playing = on;
-    this.playButton.textContent = on ? "❚❚" : "▶";
-    this.playButton.setAttribute("aria-label", on ? "pause" : "play");
+    this.playButton.textContent = on ? "pause" : "play";
     if (!on) return;
-    if (this.step >= this.last) this.seek(0);
+    if (this.step >= this.last && !(this.busy && this.busy())) this.seek(0);
     let before = null;
     let due = this.step;
     const frame = (now) => {
@@ -284,9 +300,7 @@ class Replay {
 
   seek(step) {
     this.step = Math.min(Math.max(step, 0), this.last);
-    this.scrubber.value = String(this.step);
-    this.scrubber.setAttribute("aria-valuetext", `${(this.step * DT).toFixed(2)} s`);
-    this.clock.textContent = `${(this.step * DT).toFixed(2)} of ${(this.last * DT).toFixed(2)} s`;
+    this.tell();
     this.refresh();
   }
 

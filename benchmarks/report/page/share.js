@@ -17,18 +17,23 @@ class Share {
     const { drive, replay } = this;
     const { world } = replay;
     const place = picks.state();
-    const runs = drive.runs.filter((run) => !run.reference && run.asked.label !== KEYBOARD && !run.asked.from).map(({ asked: { label, conditions, gains } }) => (
+    const runs = drive.runs.filter((run) => !run.reference && ![KEYBOARD, GHOST].includes(run.asked.label) && !run.asked.from).map(({ asked: { label, conditions, gains } }) => (
       { policy: label, actuators: conditions.actuators, disturbance: conditions.disturbance, ...(Object.keys(gains).length ? { gains } : {}) }));
     const own = world.edited || !place;
+    const byHand = drive.runs.find((run) => run.tape.length && !run.asked.from);
     return { v: LINK, robot: replay.robot, actuators: drive.tier.value, disturbance: drive.disturbance.value, policy: drive.who.value,
-      ...(replay.robot in drive.sheets ? { sheet: drive.sheets[replay.robot] } : {}), ...(place ? { place } : {}), ...(own ? { world: stripped(world) } : {}), runs, step: replay.step, ...(drive.looks.on ? { overlay: true } : {}), ...(replay.other ? { beside: replay.other.label } : {}) };
+      ...(replay.robot in drive.sheets ? { sheet: drive.sheets[replay.robot] } : {}), ...(place ? { place } : {}), ...(own ? { world: stripped(world) } : {}), runs, step: byHand ? 0 : replay.step, ...(drive.looks.on ? { overlay: true } : {}), ...(byHand ? { ghost: folded(byHand.tape) } : {}), ...(replay.other ? { beside: replay.other.label } : {}) };
   }
 
   async link() {
+    const { replay } = this;
     const state = JSON.stringify(this.state());
-    const url = `${location.href.split("#")[0]}#${encodeURIComponent(state)}`;
+    const { site } = replay.told.demo || {};
+    const url = `${site || location.href.split("#")[0]}#${encodeURIComponent(state)}`;
     history.replaceState(null, "", `#${encodeURIComponent(state)}`);
-    this.told.textContent = (await copied(url)) ? `Link copied: ${url.length} characters.` : "The link is in the address bar.";
+    const told = (await copied(url)) ? `Link copied: ${url.length} characters.` : "The link is in the address bar.";
+    this.told.textContent = site || location.protocol !== "file:" ? told : `${told} This page is a file of yours: send the file along.`;
+    return this.told.textContent;
   }
 
   // Shows what a link holds; an Error says what is wrong with it.
@@ -93,10 +98,14 @@ class Share {
       replay.split(other);
     }
     if (state.overlay === true) drive.looks.turn(true);
-    drive.pump(AHEAD);
+    const ghost = state.ghost === undefined ? null : unfolded(state.ghost);
+    const friend = ghost && drive.add({ label: GHOST, tape: ghost });
+    if (state.step) drive.pump(AHEAD);
     replay.stretch();
     replay.seek(state.step ?? 0);
     drive.wake();
+    drive.race.tellScene();
+    if (friend) drive.race.challenged(friend);
     if (state.embed && !window.matchMedia("(prefers-reduced-motion: reduce)").matches) replay.toggle(true);
   }
 
@@ -203,7 +212,7 @@ const rowsOf = (rows) => `[\n${rows.map((row) => `        ${tuple(row)},\n`).joi
 const value = (x) => (x === "inf" ? 'float("inf")' : x === true ? "True" : x === false ? "False" : JSON.stringify(x));
 
 // The Python that drives a run of the page again: the scene as numbers, the start where the page's draw put it.
-function pythonOf(drive, { asked: { label, conditions, gains }, tape, actor }) {
+function pythonOf(drive, { asked: { label, conditions, gains }, driven, actor }) {
   const { world } = drive.replay;
   const tables = drive.kernels.tables.tasks[drive.task];
   const probe = new Simulator(drive.kernels, world, { ...conditions, disturbance: "none" });
@@ -241,10 +250,9 @@ function pythonOf(drive, { asked: { label, conditions, gains }, tape, actor }) {
   const recipe = drive.kernels.tables.pilots[`${drive.task} ${conditions.robot} ${conditions.actuators} ${label}`];
   const mine = recipe ? { ...recipe.make.gains, ...askedOf(drive.kernels, drive.task, recipe, world), ...gains } : {};
   const told = Object.entries(mine).map(([name, each]) => `, ${name}=${value(each)}`).join("");
-  const byHand = label === KEYBOARD;
   const axes = tables.robots[conditions.robot].axes;
   const asked = (twist) => tuple(axes.map((axis) => (twist ? twist[axis] : 0)));
-  const loop = byHand ? [`commands = [${tape.map((all) => (world.walks ? (world.starts.length ? tuple(all.map(asked)) : asked(all[0])) : asked(all))).join(", ")}]`, "observation, info = env.reset(seed=0)", "for command in commands:",
+  const loop = driven ? [`commands = [${driven.map((all) => (world.walks ? (world.starts.length ? tuple(all.map(asked)) : asked(all[0])) : asked(all))).join(", ")}]`, "observation, info = env.reset(seed=0)", "for command in commands:",
     "    observation, reward, terminated, truncated, info = env.step(np.array(command))"]
     : [`pilot = Pilot(make(${value(recipe.make.name)}${told}), env)`, "observation, info = env.reset(seed=0)", "pilot.reset()", "terminated = truncated = False", "while not (terminated or truncated):",
       "    observation, reward, terminated, truncated, info = env.step(pilot.command(observation))"];
@@ -254,7 +262,7 @@ function pythonOf(drive, { asked: { label, conditions, gains }, tape, actor }) {
 // Whether the page was opened by a link, and shows what that holds.
 function restored() {
   const text = location.hash.slice(1);
-  if (!text.startsWith("%7B")) return false;
+  if (!text || text === "replay") return false; // the link that skips to the simulator
   try {
     drive.share.restore(text);
     return true;
