@@ -125,8 +125,9 @@ def test_the_page_of_the_driver_for_every_robot_is_what_its_rows_make() -> None:
     assert all(success(law, [name], moving=True).low <= 0.0 for law in ("vfh_plus", "scan_planner") for name in slow)
 
 
-def test_the_advice_for_teams_and_people_is_what_the_kept_rows_make() -> None:
-    rows = {name: flocks.read(ROOT / sections.KEPT / file) for name, file in flocks.FILES.items()}
+def test_page_and_advice_for_teams_and_people_are_what_the_kept_rows_make() -> None:
+    rows, page = flocks.page_of(ROOT / sections.KEPT)
+    assert (ROOT / sections.KEPT / "flocks.md").read_text(encoding="utf-8") == page
     for file, told in flocks.pages(ROOT / "docs", rows["teams"], rows["people"]).items():
         assert f"{flocks.BEGIN}\n{told}\n{flocks.END}" in file.read_text(encoding="utf-8")
 
