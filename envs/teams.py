@@ -266,13 +266,13 @@ class TeamVectorEnv(NativeVectorEnv):
             raise gymnasium.error.ResetNeeded("call reset before step")
         if type(actions) is not np.ndarray or actions.dtype.kind != "f" or actions.shape != self._shape:
             actions = self.batch.checked(actions, self._shape)
-        again = np.flatnonzero(self._over)
+        again = np.flatnonzero(self._over & ~self.resting)
         begin = partial(waiting.begin, again) if len(again) else None
         results, terminated, truncated = waiting.step(actions, self.max_episode_steps, begin)
         rewards = results.numbers[-1]
         info = self._info(results)
         info["alive"], info["_alive"] = waiting.took_part.copy(), self._all.copy()
-        over = waiting.over()
+        over = waiting.over() & ~self.resting
         if self.autoreset_mode == AutoresetMode.NEXT_STEP:
             self._over = over
             return results.observations, rewards, terminated, truncated, info

@@ -76,6 +76,8 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         self._renderers: list[Any] = []
         self._together = 1  # rows of one world, which are seeded together
         self._beside = True  # whether ended robots may begin anew while others move
+        # (b,) who is left where it stands, neither moved nor begun anew: what steps tell of it means nothing
+        self.resting = np.zeros(num_envs, np.bool_)
 
     def __getstate__(self) -> dict[str, Any]:
         """Returns what pickle and copy take: the state, mid-episode too, and the generators."""
@@ -122,7 +124,7 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         self._seed([None if each is None else int(each) for each in seeds])
         results = Results(self.task, self.num_envs)
         self.batch.reset(np.arange(self.num_envs), self._generators, results, scenarios)
-        self._ended = np.zeros(self.num_envs, np.bool_)
+        self._ended[:] = self.resting[:] = False
         return results.observations, self._info(results)
 
     def _seed(self, seeds: list[int | None]) -> None:
@@ -144,10 +146,10 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             actions = self.batch.checked(actions, self._shape)
         batch = self.batch
         batch.actions[:] = actions
-        batch.skip[:] = self._ended
+        batch.skip[:] = self._ended | self.resting
         results = Results(self.task, self.num_envs)
         info: dict[str, Any] = {}
-        meanwhile = partial(self._meanwhile, self._ended, results, info)
+        meanwhile = partial(self._meanwhile, self._ended & ~self.resting, results, info)
         batch.step(self._generators, results, meanwhile if self._beside else None)
         if not self._beside:
             meanwhile()
@@ -156,7 +158,7 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         else:
             truncated = batch.states["steps"] >= self.max_episode_steps
         rewards, terminated = results.numbers[-1], results.flags[-1]
-        ended = terminated | truncated
+        ended = (terminated | truncated) & ~self.resting
         if self.autoreset_mode == AutoresetMode.NEXT_STEP:
             self._ended = ended
             return results.observations, rewards, terminated, truncated, info

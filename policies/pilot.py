@@ -1,7 +1,7 @@
 """The pilot that drives an environment with a policy."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -145,6 +145,14 @@ class Pilot:
         self._note(actions)
         return actions
 
+    def keep(self, rows: NDArray[Any]) -> None:
+        """Goes on with some of the robots alone, by indices or a mask: whole worlds. It cannot be reset after that."""
+        self.briefing, self.memory = self.briefing.part(rows), self.memory[rows]
+        self._shape = (len(self.memory), *self._shape[1:])
+        if self._ahead is not None:
+            self._ahead.keep(rows)
+        self._parts = self._shared_out()
+
     def arrays(self) -> dict[str, NDArray[np.uint8]]:
         """Returns the bytes of all that it remembers: the policy's memory, and what was sent to a base that is late."""
         retained = {"memory": self.memory} | ({} if self._ahead is None else self._ahead.remembered)
@@ -228,7 +236,7 @@ class Pilot:
             return []
         team = self.briefing.team  # the robots of a world stay together
         parts = [(a - a % team, b - b % team) for a, b in bounds(self.briefing.num_envs, self._threads)]
-        return [(first, last, self.briefing.part(first, last)) for first, last in parts if first < last]
+        return [(first, last, self.briefing.part(slice(first, last))) for first, last in parts if first < last]
 
 
 def _contained(actions: Array, most: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -239,3 +247,59 @@ def _contained(actions: Array, most: NDArray[np.float32]) -> NDArray[np.float32]
     excess = np.maximum(np.abs(actions) / most, 1.0).max(axis=-1, keepdims=True)
     scaled = actions / np.where(np.isfinite(excess), excess, 1.0)
     return np.clip(scaled, -most, most, where=np.isfinite(scaled), out=scaled).astype(np.float32)
+
+
+class Drive:
+    """Drives the robots of a native vector environment that was just reset, each to the end of its first episode.
+
+    A robot that has ended drives on until an eighth of those that take part have; then they rest. Those that go on
+    move as they would among all, bit for bit.
+
+    Args:
+        pilots: just reset; the first drives all robots but those that another one is said to drive.
+        whose: (b,) which of the pilots drives each robot; None: the first drives all.
+    """
+
+    def __init__(
+        self,
+        env: NativeVectorEnv,
+        pilots: Sequence[Pilot],
+        observations: NDArray[Any],
+        whose: NDArray[Any] | None = None,
+    ) -> None:
+        self._env, self.pilots = env, pilots
+        self._whose = np.zeros(env.num_envs, np.int64) if whose is None else whose
+        self._seen = observations
+        self._actions = np.zeros((env.num_envs, *env.batch.action_shape))
+        self.rows = np.arange(env.num_envs)  # of the robots that take part: as the pilots have them
+        self.alive = np.ones(env.num_envs, np.bool_)  # (b,) whose first episode has not ended
+
+    def step(self) -> tuple[Array, NDArray[np.bool_], dict[str, NDArray[Any]]]:
+        """Moves all by one control period; returns rewards (b,), who has ended in it (b,) and what the step told."""
+        rows, seen = self.rows, self._seen[self.rows]
+        actions = self.pilots[0].command(seen)
+        for k, pilot in enumerate(self.pilots[1:], 1):
+            theirs = (self._whose[rows] == k).reshape(-1, *[1] * (actions.ndim - 1))
+            actions = np.where(theirs, pilot.command(seen), actions)
+        self._actions[rows] = actions
+        self._seen, rewards, terminated, truncated, info = self._env.step(self._actions)
+        ended = self.alive & (terminated | truncated)
+        self.alive &= ~ended
+        return rewards, ended, info
+
+    def rest(self) -> None:
+        """Lets robots rest whose world has ended, once they are an eighth of those that take part."""
+        team = self._env.task.team
+        on = np.repeat(self.alive.reshape(-1, team).any(axis=1), team)
+        left = on[self.rows]
+        if 8 * left.sum() > 7 * len(left) or not left.any():
+            return
+        for pilot in self.pilots:
+            pilot.keep(left)
+        self._env.resting[:] = ~on
+        self.rows = self.rows[left]
+
+    def memory_of(self, i: int) -> NDArray[Any]:
+        """Returns the memory (1,) that robot i's pilot keeps of it."""
+        k = int(np.searchsorted(self.rows, i))
+        return self.pilots[int(self._whose[i])].memory[k : k + 1]

@@ -19,7 +19,7 @@ from wayfield.envs.robots import robot_of
 from wayfield.envs.scenarios import scenarios_of, spec_of
 from wayfield.envs.scenarios.team_scenario import TeamScenario
 from wayfield.envs.tasks.specs import CROWDS
-from wayfield.policies.pilot import Pilot
+from wayfield.policies.pilot import Drive, Pilot
 
 Array = NDArray[np.float64]
 
@@ -166,19 +166,18 @@ def _driven(env: Any, case: Case, seeds: Sequence[int], chosen: Sequence[int], p
     note(0)
     of_world = batch.states["scenario"][::n] // n
     step = 0
-    while not lengths.all():
-        actions = pilots[0].command(observations)
-        if case.beside:
-            actions = np.where(theirs.reshape(-1, *[1] * (actions.ndim - 1)), pilots[1].command(observations), actions)
-        observations, _, terminated, truncated, info = env.step(actions)
+    drive = Drive(env, pilots, observations, theirs)
+    while drive.alive.any():
+        _, ended, info = drive.step()
         step += 1
         note(step)
-        # a robot that has ended waits; a world that is over begins anew and drives on unrecorded
-        for i in np.flatnonzero((terminated | truncated) & (lengths == 0)).tolist():
+        for i in np.flatnonzero(ended).tolist():
             flags[i] = {name: bool(info[name][i]) for name in task.flag_names}
             touched[i] = int(info["touched"][i])
             lengths[i] = step + 1
-            faults[i] = _faults(pilots[int(theirs[i])].memory, i)
+            faults[i] = _faults(drive.memory_of(i), 0)
+        if case.entrant is None:  # one's own may remember robots by their place
+            drive.rest()
     for w, k in enumerate(of_world.tolist()):
         scenario, family = task.scenarios[k], task.scenarios[k].family
         driven = []

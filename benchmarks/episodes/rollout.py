@@ -20,7 +20,7 @@ from wayfield.envs.tasks.specs import CROWDS
 from wayfield.envs.vector import NativeVectorEnv
 from wayfield.policies.parts.policy import Policy
 from wayfield.policies.paths.lookahead import Lookahead
-from wayfield.policies.pilot import Pilot
+from wayfield.policies.pilot import Drive, Pilot
 
 # What policies count in their memory under these names: a QP that was not solved, a planner that found no way.
 FAULTS = ("qp_failures", "no_path")
@@ -95,15 +95,17 @@ def roll_out(
     flags: list[dict[str, bool]] = [{} for _ in range(episodes)]
     faults = np.zeros(episodes, np.int64)
     step = 0
-    while not lengths.all():
-        observations, _, terminated, truncated, info = env.step(pilot.command(observations))  # type: ignore[arg-type]
+    drive = Drive(env, [pilot], observations)
+    while drive.alive.any():
+        _, ended, info = drive.step()
         step += 1
         history[step] = env.batch.states
-        # an ended robot is reset by the next step; it drives on unrecorded until the last one is done
-        for i in np.flatnonzero((terminated | truncated) & (lengths == 0)).tolist():
+        for i in np.flatnonzero(ended).tolist():
             flags[i] = {name: bool(info[name][i]) for name in env.task.flag_names}
             lengths[i] = step + 1
-            faults[i] = faults_of(pilot.memory, i)
+            faults[i] = faults_of(drive.memory_of(i), 0)
+        if case.entrant is None:  # one's own may remember robots by their place
+            drive.rest()
     env.close()
     driven = [
         _trajectory(env, briefing, pilot.policy, i, history[: lengths[i], i].copy(), flags[i], case)

@@ -109,10 +109,10 @@ class Briefing:
             return dataclasses.replace(self, map=None)
         return dataclasses.replace(self, path=None, goal=None, map=None)
 
-    def part(self, first: int, last: int) -> "Briefing":
-        """Returns the briefing of the robots from `first` to `last`, exclusive."""
-        few = self._by_rows(self, lambda array, _: array[first:last])
-        return dataclasses.replace(self, num_envs=last - first, **few)
+    def part(self, rows: slice | NDArray[Any]) -> "Briefing":
+        """Returns the briefing of some of the robots: a slice, indices or a mask."""
+        few = self._by_rows(self, lambda array, _: array[rows])
+        return dataclasses.replace(self, num_envs=len(np.empty(self.num_envs)[rows]), **few)
 
     def with_rows(self, anew: "Briefing", rows: NDArray[Any]) -> "Briefing":
         """Returns it with some rows of another, of all arrays that hold one for each robot."""

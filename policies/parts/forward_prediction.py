@@ -111,6 +111,10 @@ class ForwardPrediction:
         """Returns what decides the predictions beside what is observed, robot by robot."""
         return {"states": self._states, "sent": self._sent}
 
+    def keep(self, rows: NDArray[Any]) -> None:
+        """Goes on with some of the robots alone."""
+        self._states, self._sent, self.episodes = self._states[rows], self._sent[rows], self.episodes.part(rows)
+
     def reset(self, rows: Any = slice(None)) -> None:
         """Forgets what some robots were sent: they stand."""
         self._states[rows] = np.zeros((), STATE)

@@ -14,7 +14,7 @@ import wayfield.envs  # noqa: F401  registers the ids
 from wayfield.envs.scenarios import TaskSpec
 from wayfield.envs.vector import NativeVectorEnv
 from wayfield.policies.parts.policy import Policy
-from wayfield.policies.pilot import Pilot
+from wayfield.policies.pilot import Drive, Pilot
 
 Array = NDArray[np.float64]
 
@@ -111,22 +111,22 @@ def validate(
     pilot.reset()
     task = env.task.spec
     measure = measure_of(task)(count, clock, env.task.options.dt)
-    alive = np.ones(count, np.bool_)
+    drive = Drive(env, [pilot], observations)
     success, failure = np.zeros(count), np.zeros(count)
     steps, returns, driven = np.zeros(count), np.zeros(count), np.zeros(count)
     before = env.batch.states.copy()
-    while alive.any():
-        observations, rewards, terminated, truncated, info = env.step(pilot.command(observations))  # type: ignore[arg-type]
+    while drive.alive.any():
+        alive = drive.alive.copy()
+        rewards, ended, info = drive.step()
         now = env.batch.states
         steps += alive
         returns += np.where(alive, rewards, 0.0)
         driven += np.where(alive, np.hypot(now["x"] - before["x"], now["y"] - before["y"]), 0.0)
         measure.step(before, now, alive)
         before = now.copy()
-        ended = alive & (terminated | truncated)
         success[ended] = info["success"][ended]
         failure[ended] = info[task.failure][ended]
-        alive &= ~ended
+        drive.rest()
     env.close()
     times = steps * env.task.options.dt
     score, error, shown = measure.judged(success, failure, steps)
