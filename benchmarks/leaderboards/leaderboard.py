@@ -303,13 +303,15 @@ def tier_table(standings: Standings) -> Table:
 
 
 def seed_table(standings: Standings, seen: Mapping[Entry, Episodes]) -> Table:
-    """Returns each trained agent by itself, beside what it was to reach and the documented controller.
+    """Returns each trained agent by itself, beside what it was to reach and the contest's first policy that has driven.
 
     Args:
         seen: the rows of the validation split, by which it is judged whether a seed has reached its bar.
     """
     contest = standings.contest
-    documented = standings.entries.get((contest.policies[0], "default"))
+    there = [name for name in contest.policies if (name, "default") in standings.entries]
+    first = there[0] if there else contest.policies[0]
+    documented = standings.entries.get((first, "default"))
 
     def standing(rows: Episodes) -> tuple[float, float]:
         return float(rows["success"].mean()), -float(costs(rows, contest).mean())
@@ -320,18 +322,18 @@ def seed_table(standings: Standings, seen: Mapping[Entry, Episodes]) -> Table:
             mine = rows.where(agent_seed=seed)
             won, cost = standing(mine)
             over = "" if documented is None else "yes" if standing(mine) > standing(documented) else "no"
-            there = seen[entry].where(agent_seed=seed) if entry in seen else None
-            reached = contest.bar.reached(there) if contest.bar and there else None
+            judged = seen[entry].where(agent_seed=seed) if entry in seen else None
+            reached = contest.bar.reached(judged) if contest.bar and judged else None
             bar = "" if reached is None else "yes" if reached else "no"
             lines.append([*entry, seed, f"{100.0 * won:.1f}", f"{-cost:.{contest.spec.cost.decimals}f}", bar, over])
     bar_words = contest.bar.words if contest.bar else "none is set"
     note = (
         f"Success in per cent, then the mean over the scenarios, a failure counted as {failing(contest)}. Bar: "
-        f"{bar_words}. Over {contest.policies[0]}: more successes, or as many at a lower cost. "
+        f"{bar_words}. Over {first}: more successes, or as many at a lower cost. "
         f"{standings.source}"
     )
     header = ["policy", "gains", "seed", "success (%)", contest.cost_header]
-    header += ["reaches the bar", f"over {contest.policies[0]}"]
+    header += ["reaches the bar", f"over {first}"]
     return Table(f"{standings.title}: trained agents", header, lines, note)
 
 
