@@ -25,6 +25,7 @@ Curve = Callable[[Draw], "Points | None"]  # None: drawn in vain, draw again
 
 _FINE = 0.002  # m, between the points that a curve is evaluated at
 _LENGTHS = (8.0, 20.0)  # m
+_LEAST = 5.0  # m, of a circle
 _SMOOTH = 2.0  # 1/m, the largest curvature of splines and circuits
 _START_OFFSET = 0.1  # m
 _START_TURN = 0.3  # rad
@@ -215,9 +216,8 @@ def path_sharpness(scenario: PathScenario) -> float:
 
 
 def feasible(scenario: PathScenario) -> bool:
-    """Returns True: nothing stands beside a path."""
-    del scenario
-    return True
+    """Returns whether a path is as long as those of all families: it can be driven within the clock."""
+    return _LEAST <= scenario.path.length <= _LENGTHS[1]
 
 
 PATH_FAMILIES: Mapping[str, Family] = {
