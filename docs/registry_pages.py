@@ -165,10 +165,11 @@ def environment_page(env_id: str) -> str:
     shown = {
         "path": "pure_pursuit, lqr", "goal": "vfh_plus, dwa", "dock": "reeds_shepp, polar",
         "team": "orca_team, social_force", "people": "orca_team, vfh_plus",
-    }[spec.kind]  # fmt: skip
+    }.get(spec.kind)  # fmt: skip
     options = [f":kind: {spec.kind}", f":robot: {'omni3' if holonomic else 'p3dx'}", ":about: scenes"]
     options += [":family: 'dock: wall'", ":seed: 1"] if spec.kind == "dock" else []
-    simulated = "\n".join([f"```{{simulator}} {shown}", *options, "```"])
+    # the page drives what its kernels were built for
+    simulated = "\n".join([f"```{{simulator}} {shown}", *options, "```"]) if shown else ""
     parts = [f"# {_stem(env_id)}", head, code, simulated, "\n".join(pictures), _table(("", ""), facts), rest.strip()]
     return "\n\n".join(filter(None, parts)) + "\n"
 

@@ -295,7 +295,6 @@ def test_shipped_gains_are_no_worse_than_the_default_ones_and_say_what_they_cost
 def test_gains_are_handed_out_for_their_condition_alone() -> None:
     for name in CONTESTS:
         files = sorted(tune.folder_of(name).glob("*.json"))
-        assert files
         with pytest.raises(policies.NotTuned, match="there are: none"):
             policies.tuned_gains("zero", name)
         for file in files[:3]:

@@ -23,6 +23,7 @@ import wayfield  # noqa: F401  registers the environments
 from wayfield.envs.robots import ACTUATORS, ROBOTS
 from wayfield.envs.robots.disturbances import DISTURBANCES
 from wayfield.envs.scenarios import TASKS
+from wayfield.envs.tasks.specs import spec_of
 
 DT = 0.05
 PATH_ID = "wayfield/DiffDrivePathFollowing-v0"
@@ -32,12 +33,9 @@ DIFF_GOAL_ID = "wayfield/DiffDriveGoalObstacles-v0"
 OMNI_DOCK_ID, DIFF_DOCK_ID = "wayfield/OmniDocking-v0", "wayfield/DiffDriveDocking-v0"
 PATH_IDS = (PATH_ID, OMNI_PATH_ID)
 ROBOTS_OF = {
-    PATH_ID: ["p3dx"],
-    GOAL_ID: ["omni3", "omni4"],
-    OMNI_PATH_ID: ["omni3", "omni4"],
-    DIFF_GOAL_ID: ["p3dx"],
-    OMNI_DOCK_ID: ["omni3", "omni4"],
-    DIFF_DOCK_ID: ["p3dx"],
+    env_id: ["omni3", "omni4"] if holonomic else ["p3dx"]
+    for spec in TASKS.values()
+    for holonomic, env_id in spec.ids.items()
 }
 IDS = [name for spec in TASKS.values() for name in spec.ids.values()]  # of one robot; teams have tests of their own
 EVERY_ROBOT = [(env_id, robot) for env_id in IDS for robot in ROBOTS_OF[env_id]]
@@ -61,7 +59,8 @@ every_id = pytest.mark.parametrize("env_id", IDS)
 
 def plain(env_id: str, path: str, goal: str) -> str:
     """Returns the name of a scenario of the task that starts at the origin."""
-    return path if env_id in PATH_IDS else goal if env_id in (GOAL_ID, DIFF_GOAL_ID) else "sideways"
+    named = dict.fromkeys(PATH_IDS, path) | dict.fromkeys((GOAL_ID, DIFF_GOAL_ID), goal)
+    return named.get(env_id) or next(iter(spec_of(env_id).presets))
 
 
 def written(folder: Path, name: str = "scenario.json", **fields: Any) -> str:
