@@ -30,8 +30,9 @@ _AGENT_AT_GOALS = (
 )
 _AGENT_AT_DOCKS = (
     "its last command; a guard keeps it from nearing what it sees faster than it could stop, and stops it within "
-    f"0.02 m and 0.02 rad of the pose; once it has made no way for {PATIENCE:g} s, the law `reeds_shepp_scan` drives; "
-    "holds a quicker base to what it knows; its teacher and its reward knew the map"
+    f"0.02 m and 0.02 rad of the pose; once it has made no way for {PATIENCE:g} s, or the scans show that something "
+    "moves, the law `reeds_shepp_scan` drives; holds a quicker base to what it knows; its teacher and its reward knew "
+    "the map"
 )
 _HYBRID_AT_GOALS = (
     "a map of all its scans and a plan; the agent that drives to a point ahead on it has a guard, which keeps it from "

@@ -194,8 +194,8 @@ class Agent(Gains):
     warns. A base with the body of a robot that it knows (`body_of`) and a delay of its own it drives from the predicted
     state: see `parts.forward_prediction`.
 
-    One that docks and has made no way for `patience` leaves the rest to a law, `reeds_shepp_scan`: beside the pose and
-    before narrow gaps a network may stand where that law sees a way (`rescue`).
+    One that docks and has made no way for `patience`, or sees that something moves, leaves the rest to a law,
+    `reeds_shepp_scan`: beside the pose and before narrow gaps a network may stand where that law sees a way (`rescue`).
     """
 
     network: Network
@@ -536,8 +536,8 @@ def _shipped(folder: pathlib.Path, name: str = "goal_reaching_p3dx") -> None:
 def load_agent(folder: str | os.PathLike[str], **gains: Any) -> Agent:
     """Returns the agent of a folder; `speed` (m/s) may take the place of the one it was trained for.
 
-    A path follower makes up what it is late by in PACE_TIME, and where one that docks makes no way for PATIENCE a law
-    docks; `pace_time` and `patience` (s) may take their places.
+    A path follower makes up what it is late by in PACE_TIME, and where one that docks makes no way for PATIENCE, or
+    something moves, a law docks; `pace_time` and `patience` (s) may take their places.
 
     Only numbers and text are read: no code of the folder runs.
 

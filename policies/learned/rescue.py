@@ -1,4 +1,7 @@
-"""The law that docks where a docking agent makes no way: `reeds_shepp_scan`, which sees no more than the agent."""
+"""The law that docks where a docking agent does not: `reeds_shepp_scan`, which sees no more than the agent.
+
+It takes over where the agent makes no way, and where the scans show that something moves.
+"""
 
 import functools
 from typing import Any
@@ -26,8 +29,8 @@ def law_at(speed: float) -> Policy:
 def waiting(briefing: Briefing, speed: float) -> NDArray[Any]:
     """Returns the memory (b,) of the law at a speed (m/s), and of how far the agent has come."""
     law = law_at(speed).reset(briefing)
-    fields = [("law", law.dtype), *((name, np.float64) for name in ("left", "least", "stood"))]  # m, m and s
-    memory = np.zeros(briefing.num_envs, fields)
+    numbers = [(name, np.float64) for name in ("left", "least", "stood", "moving")]  # m, m, s, and 0 or 1
+    memory = np.zeros(briefing.num_envs, [("law", law.dtype), *numbers])
     memory["law"], memory["left"], memory["least"] = law, np.inf, np.inf
     return memory
 
@@ -39,7 +42,8 @@ def take_over(
     asked: tuple[float, float],
     twists: NDArray[np.float64],
 ) -> NDArray[np.int64]:
-    """Puts the law's twists in place of those (b, t) of robots that have made no way for some time, from then on.
+    """Puts the law's twists in place of those (b, t) of robots that have made no way for some time, or past whom
+    something moves, from then on.
 
     Way is made when distance and turn that are left become less than ever before.
 
@@ -55,10 +59,17 @@ def take_over(
     memory["left"] = left
     made = anew | ((left < memory["least"] - WAY) & (memory["stood"] <= patience))
     memory["least"] = np.where(made, left, memory["least"])
-    memory["stood"] = np.where(made, 0.0, memory["stood"] + briefing.dt)
-    rows = np.flatnonzero(memory["stood"] > patience)
-    if len(rows):
-        law = memory["law"][rows]
-        twists[rows] = law_at(speed).act(type(observation)(*(each[rows] for each in observation)), briefing, law)
-        memory["law"][rows] = law
+    stood = np.where(made, 0.0, memory["stood"] + briefing.dt)
+    begins = (stood > patience) & (memory["stood"] <= patience) & (memory["moving"] == 0.0)
+    memory["stood"] = stood
+    law = memory["law"].copy()
+    law[begins] = law_at(speed).reset(briefing)[begins]  # what it planned while another drove is no plan
+    driven = law_at(speed).act(observation, briefing, law)
+    tracks = law["state"]["tracks"]
+    sees = ((tracks["moves"] > 0.0) & (tracks["radius"] > 0.0)).any(axis=1)
+    law["state"]["radius"][sees & (memory["moving"] == 0.0) & (stood <= patience)] = 0.0
+    memory["moving"][sees] = 1.0
+    memory["law"] = law
+    rows = np.flatnonzero((stood > patience) | (memory["moving"] > 0.0))
+    twists[rows] = driven[rows]
     return rows

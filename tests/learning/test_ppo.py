@@ -185,6 +185,13 @@ def test_agents_dock_from_beside_the_pose_as_near_as_it_asks(robot: str, toleran
     assert found.collision == 0.0
 
 
+@pytest.mark.parametrize(("robot", "seed"), [("p3dx", 0), ("omni4", 1)])
+def test_agents_dock_beyond_what_moves(robot: str, seed: int) -> None:
+    where = {"scenario": "moving/test", "actuators": "lagged", "num_beams": 72, "max_range": 5.0, "robot": robot}
+    found = validate(policies.make("ppo", seed=seed), DOCK_ID if robot == "p3dx" else OMNI_DOCK_ID, where, 1200)
+    assert found.success >= 0.85
+
+
 @pytest.mark.parametrize("name", ["ppo", "hybrid"])
 def test_agents_come_as_near_to_a_goal_as_it_asks(name: str) -> None:
     goals = [
