@@ -29,7 +29,7 @@ html_theme = "furo"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_js_files = [("tables.js", {"defer": "defer"})]
-html_extra_path = ["generated/demo.html"]  # written by simulators
+html_extra_path = ["generated/demo.html", "demo.png"]  # written by simulators; what links to it show
 html_show_sourcelink = False
 html_show_copyright = False
 
