@@ -1,5 +1,6 @@
 """The simulator as a page without a run: `wayfield demo`."""
 
+import html
 import os
 import tempfile
 import webbrowser
@@ -24,6 +25,7 @@ from wayfield.system.storage import write_whole
 BUDGET = 3_000_000  # bytes
 SEEDS = 5  # scenarios of each family; of those of several bodies FEW, of at most SOME bodies
 FEW, SOME = 2, 33
+ABOUT = "Drive against controllers and trained networks, draw them a path, put things in their way. No installation."
 SITE = "WAYFIELD_SITE"  # environment variable: the address that the site is published at, which links lead to
 TITLE = "wayfield: race robots in your browser"
 AGENTS_THERE = ("team_guided", "team_scan", "people_free")  # of those trained among bodies
@@ -96,16 +98,29 @@ def main(out: Path | None) -> None:
         raise click.ClickException(f"no browser was found: open {file} in one")
 
 
-def told(site: str | None = None) -> dict[str, Any]:
+def site() -> str:
+    """Returns the address that the site is published at, or ""."""
+    return os.environ.get(SITE, "").rstrip("/")
+
+
+def preview(address: str) -> str:
+    """Returns the tags by which a link to the page is shown elsewhere, with a picture where the site is published."""
+    told = {"title": TITLE, "description": ABOUT, "type": "website"}
+    if address:
+        told |= {"url": f"{address}/demo.html", "image": f"{address}/demo.png"}
+    tags = [f'<meta property="og:{name}" content="{html.escape(each)}">' for name, each in told.items()]
+    return "\n".join([f'<meta name="description" content="{html.escape(ABOUT)}">', *tags])
+
+
+def told() -> dict[str, Any]:
     """Returns what the page is told besides its scenes; links lead to the site where its address is known."""
-    site = os.environ.get(SITE, "") if site is None else site
     return {
         "opening": OPENING,
         "sentence": SENTENCE,
         "free": CHALLENGES[2],
         "challenges": CHALLENGES,
         "unable": unable(),
-        "site": f"{site.rstrip('/')}/demo.html" if site else "",
+        "site": f"{site()}/demo.html" if site() else "",
     }
 
 
@@ -122,7 +137,9 @@ def page() -> str:
         "move obstacles, goal or path, switch actuators and disturbances, save the scenario. Teams drive there too, "
         "each robot to a goal of its own, and people walk by their laws."
     )
-    text = rendered(TITLE, content, made("wayfield demo", content), BUDGET, {"demo": told()}, AGENTS_THERE)
+    text = rendered(
+        TITLE, content, made("wayfield demo", content), BUDGET, {"demo": told()}, AGENTS_THERE, preview(site())
+    )
     if len(text.encode()) > BUDGET:
         raise ValueError(f"the page has {len(text.encode()):,} bytes; at most {BUDGET:,} may be")
     return text

@@ -36,7 +36,7 @@ STYLES = ("page.css", "charts.css", "replay.css")
 # in the order in which they need each other
 SCRIPTS = (
     *("data.js", "dom.js", "tables.js", "charts.js", "heat.js"),
-    *("view.js", "scene.js", "traces.js", "replay.js", "picks.js"),
+    *("view.js", "scene.js", "traces.js", "record.js", "replay.js", "picks.js"),
     *("kernels.js", "simulator.js", "pilots.js", "prediction.js"),
     *("files.js", "images.js", "robots.js"),
     *("edit.js", "gains.js", "looks.js", "share.js", "race.js", "drive.js", "draws.js", "main.js"),
@@ -227,10 +227,12 @@ def rendered(
     budget: int,
     extra: Mapping[str, Any] | None = None,
     agents: Collection[str] = (),
+    preview: str = "",
 ) -> str:
     """Returns the page's text; as many episodes can be replayed as the budget has room for.
 
     Args:
+        preview: HTML of its head, which describes the page where a link to it is shown.
         agents: trained among bodies, that can drive there besides those of the episodes.
     """
     robots = {episode["robot"] for episode in content.episodes} if extra is None else set(ROBOTS)
@@ -250,6 +252,7 @@ def rendered(
     template = asset("page.html")
     parts = {
         "title": html.escape(title),
+        "preview": preview,
         "style": "\n".join(asset(name) for name in STYLES),
         "summary": "".join(f"<p>{html.escape(each)}</p>" for each in content.sentences),
         "small": "".join(_static(table) for table in content.small),

@@ -3,6 +3,7 @@
 import itertools
 import json
 import math
+import random
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,6 +20,7 @@ from wayfield.benchmarks.report import page
 from wayfield.benchmarks.report.page import Content, made, rendered
 from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios import TASKS, scenarios_of
+from wayfield.envs.tasks.specs import EVERY
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 pytestmark = [
@@ -65,7 +67,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     first_of = {each["family"]: each for each in reversed(demo.worlds(families))}
     driving = Content(worlds=[first_of[family] for family in families if family in first_of])
     first = driving.worlds[-1]
-    told = {"demo": demo.told(site="") | opened(f"{first['kind']}: {first['family']}")}
+    told = {"demo": demo.told() | opened(f"{first['kind']}: {first['family']}")}
     text = rendered("demo", driving, made("demo", driving), demo.BUDGET, told, AGENTS)
     files["demo"].write_text(text, encoding="utf-8")
     return files
@@ -351,6 +353,56 @@ def test_the_chosen_policy_goes_first_and_all_stand_at_the_start(browser: Browse
             "() => { drive.abort(); drive.changed(); drive.pump(1); return drive.jobs[0].run.asked.label; }"
         )
         assert first == "orca_team"
+        assert watched.errors == []
+
+
+SETTINGS = 20
+
+
+def test_runs_chosen_in_the_page_are_those_of_python(browser: Browser, files: dict[str, Path]) -> None:
+    """As a user chooses them, by the lists and a button: all kinds of tasks, robots, motors and policies."""
+    rng = random.Random(52)
+    with Watched(browser, files["demo"], reduced_motion="reduce") as watched:
+        tab = watched.page
+
+        def choose(label: str, among: Any = None) -> str:
+            box = tab.get_by_label(label, exact=True)
+            values = box.evaluate("(box) => [...box.options].map((each) => each.value)")
+            value = rng.choice([each for each in values if among is None or among(each)])
+            box.select_option(value)
+            return str(value)
+
+        for k in range(SETTINGS):
+            kind = list(EVERY.values())[k % len(EVERY)].kind
+            told = [choose("scene", lambda each, kind=kind: each.startswith(f"{kind}: "))]
+            told += [choose(label) for label in ("robot", "motors")]
+            told.append(choose("policy", lambda each: not each.startswith("you,")))
+            tab.get_by_role("button", name="run this one").click()
+            watched.until(DRIVEN)
+            assert tab.evaluate("replay.chosen.policy") == told[-1]
+            same_in_python(tab, told[-1])
+        assert watched.errors == []
+
+
+def test_a_link_to_the_demo_shows_what_it_is(monkeypatch: pytest.MonkeyPatch, browser: Browser, tmp_path: Path) -> None:
+    monkeypatch.setenv(demo.SITE, "https://somebody.example/wayfield/")
+    text = demo.page()
+    address = "https://somebody.example/wayfield/demo"
+    assert f'<meta property="og:image" content="{address}.png">' in text
+    (tmp_path / "demo.html").write_text(text, encoding="utf-8")
+    with Watched(browser, tmp_path / "demo.html", reduced_motion="reduce") as watched:
+        assert taken(watched.page, "copy link").startswith(f"{address}.html#")
+        assert [each for each in watched.requests if each.startswith("http")] == []
+
+
+def test_what_is_shown_is_recorded(browser: Browser, files: dict[str, Path], tmp_path: Path) -> None:
+    with Watched(browser, files["demo"], viewport={"width": 1280, "height": 800}) as watched:
+        with watched.page.expect_download() as download:
+            watched.page.get_by_role("button", name="record").click()
+            watched.page.wait_for_timeout(1000)
+            watched.page.get_by_role("button", name="stop recording").click()
+        download.value.save_as(tmp_path / "film.webm")
+        assert 10_000 < (tmp_path / "film.webm").stat().st_size < 3e6 / 4.0
         assert watched.errors == []
 
 

@@ -66,6 +66,12 @@ function swatch(label) {
     draw("line", { x1: 1, y1: 6, x2: 29, y2: 6, stroke: colourOf(label), "stroke-width": 4, "stroke-dasharray": dashOf(label) }));
 }
 
+function downloaded(blob, name) {
+  const link = el("a", { href: URL.createObjectURL(blob), download: name });
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+}
+
 // A policy's label as it is shown.
 const called = (label) => label.replace(/^(\w+) \(trained\)/, (_, name) => `trained network (${name === "ppo" ? "PPO" : name})`).replace("(by hand)", "(hand-tuned)").replace("astar_tracker", "A* (astar_tracker)");
 

@@ -20,7 +20,7 @@ class Draws {
       (this.families.get(key) || this.families.set(key, []).get(key)).push(world);
     });
     const select = (label, change) => {
-      const box = el("select", { on: { change } });
+      const box = el("select", { "aria-label": label, on: { change } });
       replay.picks.append(el("label", {}, label, box));
       return box;
     };

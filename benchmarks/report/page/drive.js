@@ -39,7 +39,7 @@ class Drive {
     this.hand = null; // the run that is driven by hand
     this.held = new Set();
     const select = (label, options, change = () => {}) => {
-      const box = el("select", { on: { change } }, options.map((each) => el("option", { value: each }, MOTORS[each] || each)));
+      const box = el("select", { "aria-label": label, on: { change } }, options.map((each) => el("option", { value: each }, MOTORS[each] || each)));
       return [box, el("label", {}, label, box)];
     };
     const button = (text, click, attributes = {}) => el("button", { type: "button", ...attributes, on: { click } }, text);
@@ -50,7 +50,6 @@ class Drive {
     const [disturbance, disturbanceLabel] = select("disturbance", Object.keys(kernels.tables.disturbances));
     Object.assign(this, { who, from, robot, tier, disturbance });
     tier.value = "lagged";
-    who.setAttribute("aria-label", "policy");
     whoLabel.className = "hidden";
     this.goButton = button("run this one", () => this.go(), { class: "go" });
     this.allButton = button("race them all", () => this.all());

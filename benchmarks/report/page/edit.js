@@ -281,6 +281,25 @@ class Editor {
     replay.show(world, replay.robot, [], about);
   }
 
+  // A map from an image; how large it is, its owner knows.
+  map(pixels, name, side) {
+    this.open(worldOfPixels(pixels, name, side), `${name}: a map from an image, ${side} m along its longer side; move start and goal as you like.`);
+    const box = el("input", { type: "number", min: 2, max: 500, step: "any", value: side, "aria-label": "longer side of the map, m", on: { change: () => {
+      const next = Number(box.value);
+      if (!(next >= 2 && next <= 500)) { this.say(`The longer side is ${box.value || "empty"}; it must be from 2 to 500 m.`); return; }
+      try {
+        this.map(pixels, name, next);
+        this.say("");
+        this.drive.go(false);
+      } catch (error) {
+        this.say(`${name} of ${next} m cannot be driven in: ${error.message}.`);
+      }
+    } } });
+    const { hint } = this.replay;
+    hint.hidden = false;
+    hint.replaceChildren("How long is its longer side? ", box, " m", el("button", { type: "button", on: { click: () => { hint.hidden = true; } } }, "done"));
+  }
+
   marks(context, pixel) {
     if (!this.tool) return;
     context.strokeStyle = ink("--accent");
@@ -306,10 +325,7 @@ class Editor {
 
   save() {
     if (this.replay.world.walks) { this.say("No file holds several bodies yet: copy a link, or Python."); return; }
-    const blob = new Blob([fileOf(this.replay.world)], { type: "application/json" });
-    const link = el("a", { href: URL.createObjectURL(blob), download: `${(this.replay.world.name || "scenario").replace(/[^\w.-]/g, "_")}.json` });
-    link.click();
-    setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+    downloaded(new Blob([fileOf(this.replay.world)], { type: "application/json" }), `${(this.replay.world.name || "scenario").replace(/[^\w.-]/g, "_")}.json`);
   }
 
   async load(file) {
@@ -320,9 +336,10 @@ class Editor {
       const image = file.type.startsWith("image/");
       const text = image ? "" : await file.text();
       if (/"(wheels|hull)"\s*:/.test(text)) { this.drive.adopt(JSON.parse(text)); this.file.value = ""; return; }
-      const world = image ? await worldOfImage(file, name) : worldOf(text, name);
-      this.open(world, image ? `${name}: a map from an image, ${IMAGE_SIDE} m along its longer side; move start and goal as you like.` : `${name}: a scenario of your own.`);
+      if (image) this.map(await pixelsOf(file), name, IMAGE_SIDE);
+      else this.open(worldOf(text, name), `${name}: a scenario of your own.`);
       this.say("");
+      this.drive.go(false);
     } catch (error) {
       this.say(`${file.name} cannot be driven in: ${error.message}.`);
     }

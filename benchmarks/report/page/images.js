@@ -53,9 +53,9 @@ function farApart(occupied, columns, rows, reach) {
 }
 
 // The world of an image's pixels, RGBA row by row from the top; an Error says what is wrong with it.
-function worldOfPixels({ data, width, height }, name) {
+function worldOfPixels({ data, width, height }, name, side = IMAGE_SIDE) {
   const [columns, rows] = [width, height];
-  const cell = IMAGE_SIDE / Math.max(columns, rows);
+  const cell = side / Math.max(columns, rows);
   const occupied = new Uint8Array(columns * rows);
   for (let k = 0; k < occupied.length; k++) {
     const [r, g, b, alpha] = data.subarray(4 * k, 4 * k + 4);
@@ -73,7 +73,8 @@ function worldOfPixels({ data, width, height }, name) {
     start_offset: 0, start_turn: 0, position_tolerance: TOLERANCES.goal, heading_tolerance: TOLERANCES.goal, waypoint_radius: 0.5, edited: true };
 }
 
-async function worldOfImage(file, name) {
+// The pixels of an image file, as large as they are read.
+async function pixelsOf(file) {
   let bitmap;
   try {
     bitmap = await createImageBitmap(file);
@@ -86,5 +87,5 @@ async function worldOfImage(file, name) {
   context.fillStyle = "#fff";
   context.fillRect(0, 0, canvas.width, canvas.height);
   context.drawImage(bitmap, 0, 0, canvas.width, canvas.height);
-  return worldOfPixels(context.getImageData(0, 0, canvas.width, canvas.height), name);
+  return context.getImageData(0, 0, canvas.width, canvas.height);
 }

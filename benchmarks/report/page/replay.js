@@ -64,7 +64,7 @@ class Replay {
     this.fitButton = button("fit", () => { this.follow(false); this.fit(); }, { class: "stepwise", title: "show the whole scene" });
     this.bar = el("div", { class: "bar" }, this.playButton, button("to start", () => this.seek(0)),
       this.scrubber, this.clock, this.rates, this.followButton, this.scanButton, this.splitButton,
-      this.fitButton);
+      recordButton(this), this.fitButton);
     this.hint = el("p", { class: "hint", hidden: true });
     this.board = el("div", { class: "board" }, this.canvas, this.beside, this.hint, this.panes);
     this.quick = el("div", { class: "quick" });
