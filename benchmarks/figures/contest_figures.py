@@ -8,6 +8,7 @@ from typing import Any
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
 from wayfield.benchmarks.contests import ALL_CONTESTS, COST, PUBLIC_SPLIT, Contest
@@ -82,8 +83,9 @@ def families(contest: Contest, rows: Episodes, folder: Path) -> Figure:
     labels = [label(entry) for entry in entries]
     split = next(iter(entries.values()))[0]["split"]
     title = f"{contest.title}: {heat.title} by family, {split} scenarios"
-    width = max(1.0 + 0.085 * max(map(len, labels)) + 0.62 * len(names), 0.1 * len(title))  # in, room for each letter
-    figure, axis = subplots(figsize=(width, 1.9 + 0.33 * len(entries)), layout="constrained")
+    width = max(1.2 + 0.11 * max(map(len, labels)) + 0.75 * len(names), 0.13 * len(title))  # in, room for each letter
+    figure, axis = subplots(figsize=(width, 2.4 + 0.42 * len(entries)))
+    figure.set_layout_engine("constrained", w_pad=0.15)  # letters are wider in the .png than in the .svg
     low, high = np.log10(heat.ends) if by_cost else heat.ends
     shown = np.log10(np.maximum(cost, heat.ends[0])) if by_cost else success
     image = axis.imshow(shown, cmap=heat.map_name, aspect="auto", vmin=low, vmax=high)
@@ -93,7 +95,7 @@ def families(contest: Contest, rows: Episodes, folder: Path) -> Figure:
             text = _heat_cell(contest, success[i, j], cost[i, j])
             *light, _ = image.cmap(image.norm(shown[i, j])) if not np.isnan(shown[i, j]) else (1.0, 1.0, 1.0, 1.0)
             dark = float(np.dot(light, (0.2126, 0.7152, 0.0722))) < 0.5  # relative luminance
-            axis.text(j, i, text, ha="center", va="center", fontsize=6.5, color="white" if dark else "black")
+            axis.text(j, i, text, ha="center", va="center", fontsize=10.5, color="white" if dark else "black")
     axis.set_xticks(range(len(names)), [name.replace("_", " ") for name in names], rotation=45, ha="right")
     axis.set_yticks(range(len(entries)), labels)
     figure.suptitle(title, x=0.01, ha="left", fontsize=matplotlib.rcParams["axes.titlesize"])
@@ -125,7 +127,7 @@ def front(contest: Contest, rows: Episodes, folder: Path) -> Figure:
     across = min(len(names), PANELS)
     down = -(-len(names) // across)
     figure, panels = subplots(
-        down, across, figsize=(2.9 * across, 2.6 * down + 0.4), layout="constrained", sharex=True, sharey=True,
+        down, across, figsize=(3.6 * across, 3.2 * down + 0.6), layout="constrained", sharex=True, sharey=True,
         squeeze=False,
     )  # fmt: skip
     for axis, name in itertools.zip_longest(panels.flat, names):
@@ -144,14 +146,15 @@ def front(contest: Contest, rows: Episodes, folder: Path) -> Figure:
             axis.plot(pace, error, **look(k), label=entry[1], zorder=3)
             axis.fill_between(pace, lows, highs, color=colour(k), alpha=0.15, linewidth=0)
             axis.plot(pace[lossy], error[lossy], "o", color="white", markeredgecolor=colour(k), markersize=9, zorder=4)
-        axis.set_title(name, loc="left", fontsize=10)
-        axis.legend(fontsize=7, handlelength=HANDLE)
+        axis.set_title(name, loc="left")
+        axis.tick_params(labelbottom=True)
+        axis.legend(fontsize=10, handlelength=HANDLE)
     if contest.log_cost:
         _log_scale(panels[0, 0])
-    figure.supxlabel("mean speed (m/s)", fontsize=10)
-    figure.supylabel(f"{contest.cost.name} ({contest.cost.unit})", fontsize=10)
+    figure.supxlabel("mean speed (m/s)", fontsize=12)
+    figure.supylabel(f"{contest.cost.name} ({contest.cost.unit})", fontsize=12)
     rings = f"rings: some runs failed, each counts as {contest.counted}"
-    figure.suptitle(f"{contest.title}: speed and accuracy ({rings})", x=0.01, ha="left", fontsize=11)
+    figure.suptitle(f"{contest.title}: speed and accuracy ({rings})", x=0.01, ha="left", fontsize=13)
     return figure
 
 
@@ -170,7 +173,7 @@ def ladder(contest: Contest, rows: Episodes, folder: Path) -> Figure:
     del folder
     there = rows.unique("disturbance")
     levels = [level for level in LEVELS if level in there]
-    figure, (top, bottom) = subplots(2, 1, figsize=(8.6, 8.0), layout="constrained", sharex=True)
+    figure, (top, bottom) = subplots(2, 1, figsize=(10.0, 9.5), layout="constrained", sharex=True)
     for k, (entry, mine) in enumerate(by_entry(rows).items()):
         style = look(k) | {"markersize": 4.5}
         groups = [mine.where(disturbance=level) for level in levels]
@@ -188,7 +191,7 @@ def ladder(contest: Contest, rows: Episodes, folder: Path) -> Figure:
     bottom.set_xlabel("level of disturbance")
     top.set_title(f"{contest.title}: under disturbances", loc="left")
     handles = top.get_legend_handles_labels()
-    figure.legend(*handles, loc="outside lower center", ncols=4, fontsize=8, handlelength=HANDLE)
+    figure.legend(*handles, loc="outside lower center", ncols=3, fontsize=11, handlelength=HANDLE)
     return figure
 
 
@@ -203,7 +206,7 @@ def worst(contest: Contest, rows: Episodes, folder: Path) -> Figure:
     trajectories = read_trajectories(folder, {row["trajectory"] for mine in entries.values() for row in mine})
     columns = max(len(mine) for mine in entries.values())
     figure, axes = subplots(
-        len(entries), columns, figsize=(3.4 * columns, 2.9 * len(entries)), layout="constrained", squeeze=False
+        len(entries), columns, figsize=(4.0 * columns, 3.5 * len(entries) + 0.4), layout="constrained", squeeze=False
     )
     for line, (entry, mine) in zip(axes, entries.items(), strict=True):
         for axis in line[len(mine) :]:
@@ -213,11 +216,27 @@ def worst(contest: Contest, rows: Episodes, folder: Path) -> Figure:
             _driven_scene(axis, trajectories[row["trajectory"]], bounds)
             public = row["split"] == PUBLIC_SPLIT
             place = Path(row["scenario"]).name if public else f"{row['family']} {row['episode']}"
-            floor_plan(axis, f"{label(entry)}\n{place}: {_ending(contest, row)}", bounds)
-            axis.title.set_fontsize(8)
-            axis.set_xlabel("")
-            axis.set_ylabel("")
+            seed = f", agent seed {row['agent_seed']}" if row["agent_seed"] != "" else ""
+            floor_plan(axis, f"{label(entry)}{seed}\n{place}: {_ending(contest, row)}", bounds)
+            axis.title.set_fontsize(10)
+    figure.legend(handles=_keys(contest), loc="outside upper left", ncols=4)
     return figure
+
+
+def _keys(contest: Contest) -> list[Line2D]:
+    """Returns what the lines and marks of a driven scene are."""
+    if contest.spec.cost.unit == "m":
+        aim = Line2D([], [], color=PATH_COLOUR, linewidth=3.0, alpha=0.6, label="path")
+    else:
+        aim = Line2D(
+            [], [], color="#F0E442", marker="*", markeredgecolor="black", markersize=12, linestyle="", label="goal"
+        )
+    return [
+        aim,
+        Line2D([], [], color=colour(0), label="robot"),
+        Line2D([], [], color="black", marker="o", markersize=4, linestyle="", label="start"),
+        Line2D([], [], color=colour(1), marker="s", markersize=4, markeredgecolor="black", linestyle="", label="end"),
+    ]
 
 
 def _driven_scene(axis: Any, trajectory: Trajectory, bounds: Bounds | None) -> None:

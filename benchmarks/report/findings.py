@@ -61,6 +61,7 @@ class Finding:
     sentence: str
     small: Table
     charts: tuple[Chart, ...]
+    duel: Mapping[str, Any]  # the first entry and the next, which the replay opens on
 
 
 @dataclasses.dataclass(frozen=True)
@@ -113,7 +114,10 @@ def found(contest: Contest, robot: str, rows: Episodes, named: tuple[str, ...] =
     if "alone" in seeds:
         small = dataclasses.replace(small, note=f"{small.note} Trained agents: {seeds}.")
     charts = (_bars(contest, robot, ranked), _duels(contest, robot, entries), _heat(contest, robot, entries))
-    return Finding(sentence, small, charts)
+    of_policy = {each.entry[0]: each.entry for each in reversed(rivals)}  # the best entry of each
+    of_policy = {each.entry[0]: of_policy[each.entry[0]] for each in rivals}  # in their order
+    duel = {"contest": contest.name, "robot": robot, "policies": [label(each) for each in of_policy.values()][:2]}
+    return Finding(sentence, small, charts, duel)
 
 
 def _standings(contest: Contest, rows: Episodes) -> list[_Standing]:
@@ -236,11 +240,12 @@ def _small(
     header = ["policy", *([column.header] if column else []), "success (%)", f"{cost.name} ({unit})", "speed (m/s)"]
     note = (
         f"Ranked by {column.header if column else f'success, then by {cost.name}'}. Brackets: 95 % intervals, where "
-        f"there are scenarios enough. {cost.name[0].upper()}{cost.name[1:]} and speed are those of the successes. "
-        f"{len(ranked) - len(shown)} more are in the full table."
+        f"there are scenarios enough. {cost.name[0].upper()}{cost.name[1:]} and speed are means over successful runs."
     )
+    if left := len(ranked) - len(shown):
+        note += f" {left} more in the full table."
     if any(each.away for each in shown):
-        note += f" {OFF_PACE}: off the {contest.pace:g} m/s asked for by more than {100.0 * PACE_TOLERANCE:.0f} %."
+        note += f" {OFF_PACE}: more than {100.0 * PACE_TOLERANCE:.0f} % off the target speed of {contest.pace:g} m/s."
     return Table(f"{contest.title}, {robot}", [*header, "has access to"], lines, note)
 
 

@@ -62,6 +62,7 @@ class Content:
     sentences: list[str] = dataclasses.field(default_factory=list)
     small: list[Table] = dataclasses.field(default_factory=list)
     charts: list[dict[str, Any]] = dataclasses.field(default_factory=list)
+    duels: list[Mapping[str, Any]] = dataclasses.field(default_factory=list)  # a contest's, in their order
     tables: list[Table] = dataclasses.field(default_factory=list)
     worlds: list[World] = dataclasses.field(default_factory=list)
     episodes: list[dict[str, Any]] = dataclasses.field(default_factory=list)
@@ -119,6 +120,7 @@ def _add(finding: Finding, content: Content) -> None:
     content.sentences.append(finding.sentence)
     content.small.append(finding.small)
     content.charts += finding.charts
+    content.duels.append(finding.duel)
 
 
 def _gather_episodes(folder: Path, rows: Sequence[Row], content: Content) -> None:
@@ -241,6 +243,7 @@ def rendered(
     kernels, machinery = kernel_part(robots, agents, crowds=bool({"team", "people"} & kinds))
     plain = {
         "charts": content.charts,
+        "duels": content.duels,
         "tables": [dataclasses.asdict(table) for table in content.tables],
         "worlds": content.worlds,
         "missing": content.missing,

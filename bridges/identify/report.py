@@ -9,9 +9,10 @@ import math
 from pathlib import Path
 from typing import Any
 
+import matplotlib
 import numpy as np
 
-from wayfield.benchmarks.figures.drawing import subplots
+from wayfield.benchmarks.figures.drawing import PALETTE, PATH_COLOUR, RC, subplots
 from wayfield.bridges.identify.estimate import BLOCK, Estimate, Fit
 from wayfield.bridges.identify.noise import Noise, Rate
 from wayfield.bridges.identify.prediction import Prediction
@@ -21,7 +22,7 @@ from wayfield.system.storage import write_whole
 
 AXES_NAMES = (("v", "forward speed", "m/s"), ("w", "yaw rate", "rad/s"))
 ZOOM = 12.0  # s, of the plot in which steps can be seen
-BLUE, RED, GREY = "#0072b2", "#d55e00", "#999999"
+RED, BLUE, GREY = *PALETTE[:2], PATH_COLOUR
 SATURATION = {
     "axes": "each axis by itself",
     "twist": "both axes by one factor",
@@ -61,7 +62,8 @@ def write_report(file: Path, findings: Findings) -> list[Path]:
     Raises:
         OSError: if one cannot be written.
     """
-    plots = {"response": _response(findings), "residuals": _residuals(findings)}
+    with matplotlib.rc_context(RC):
+        plots = {"response": _response(findings), "residuals": _residuals(findings)}
     files = []
     for name, content in plots.items():
         files.append(file.with_name(f"{file.stem}_{name}.png"))
@@ -73,7 +75,7 @@ def write_report(file: Path, findings: Findings) -> list[Path]:
 def _response(found: Findings) -> bytes:
     """Returns measured and fitted speeds: the whole drive, and the seconds with the largest commands."""
     drive, fit = found.fit.drive, found.fit
-    figure, panels = subplots(2, 2, figsize=(12, 6), width_ratios=(2, 1), layout="constrained")
+    figure, panels = subplots(2, 2, figsize=(12, 7), width_ratios=(2, 1), layout="constrained")
     for axis, (_, name, unit) in enumerate(AXES_NAMES):
         start = _busiest(drive, axis)
         for panel, whole in zip(panels[axis], (True, False), strict=True):
@@ -89,25 +91,24 @@ def _response(found: Findings) -> bytes:
                     label="model" if part.start == 0 else None,
                 )  # fmt: skip
             panel.set_xlim(*((drive.times[0], drive.times[-1]) if whole else (start, start + ZOOM)))
-            panel.grid(alpha=0.3)
-        panels[axis, 0].set_ylabel(f"{name}, {unit}")
-        panels[axis, 1].set_title(f"{ZOOM:g} s of it", fontsize=9)
+        panels[axis, 0].set_ylabel(f"{name} ({unit})")
+        panels[axis, 1].set_title(f"the {ZOOM:g} s of largest changes")
     for panel in panels[1]:
-        panel.set_xlabel("time, s")
-    panels[0, 0].legend(loc="upper right", ncols=3, fontsize=8)
+        panel.set_xlabel("time (s)")
+    panels[0, 0].legend(loc="upper right", ncols=3)
     return _png(figure)
 
 
 def _residuals(found: Findings) -> bytes:
     """Returns what the fit leaves: over time, as a histogram beside a normal one, and its correlation over time."""
     drive, fit = found.fit.drive, found.fit
-    figure, panels = subplots(2, 3, figsize=(12, 5), width_ratios=(2, 1, 1), layout="constrained")
+    figure, panels = subplots(2, 3, figsize=(13, 6), width_ratios=(2, 1, 1), layout="constrained")
     for axis, (_, name, unit) in enumerate(AXES_NAMES):
         left = fit.residuals()[axis]
         over, spread, again = panels[axis]
         over.plot(drive.times[drive.counted & ~fit.wrong], left, ".", color=BLUE, markersize=2)
         over.axhline(0.0, color=GREY, linewidth=0.8)
-        over.set_ylabel(f"residual of {name}, {unit}", fontsize=8)
+        over.set_ylabel(f"residual of\n{name} ({unit})")
         deviation = max(float(fit.noise[axis]), 1e-9)
         reach = np.linspace(-4.0, 4.0, 41) * deviation
         spread.hist(np.clip(left, reach[0], reach[-1]), reach, density=True, color=BLUE, alpha=0.6)
@@ -120,10 +121,10 @@ def _residuals(found: Findings) -> bytes:
         again.bar(lags, [float(centred[k:] @ centred[: len(left) - k]) / total for k in lags], color=BLUE)
         again.axhline(0.0, color=GREY, linewidth=0.8)
         again.set_ylim(-0.5, 1.05)
-    panels[0, 1].set_title("histogram, and a normal one", fontsize=9)
-    panels[0, 2].set_title("correlation with later ones", fontsize=9)
-    panels[1, 0].set_xlabel("time, s")
-    panels[1, 2].set_xlabel("samples later")
+    panels[0, 1].set_title("histogram and normal density")
+    panels[0, 2].set_title("autocorrelation")
+    panels[1, 0].set_xlabel("time (s)")
+    panels[1, 2].set_xlabel("lag (samples)")
     return _png(figure)
 
 

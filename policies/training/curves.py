@@ -25,13 +25,13 @@ class Panel(NamedTuple):
 
 PANELS = {
     "path": (
-        Panel("success", "success", share=True),
+        Panel("success", "success (share)", share=True),
         Panel("error", "cross-track RMS, IQM (m)", scale="log"),
-        Panel("p95", "its 95th percentile (m)", scale="log"),
+        Panel("p95", "95th percentile of the error (m)", scale="log"),
     ),
     "goal": (
-        Panel("success", "success", share=True),
-        Panel("collision", "collisions", share=True),
+        Panel("success", "success (share)", share=True),
+        Panel("collision", "collisions (share)", share=True),
         Panel("error", "time to the goal, IQM (s)"),
     ),
 }  # by what is observed
@@ -76,14 +76,14 @@ def draw_curves(folders: Sequence[Path], task: str, file: Path, title: str) -> N
     curves = [read_curve(folder) for folder in folders]
     fields = [name for name in curves[0] if name.startswith(IN_FIELD) and all(name in curve for curve in curves)]
     if fields:
-        panels = (*panels, Panel(IN_FIELD, "success, by field", share=True))
-    figure = Figure((10.0 / 3.0 * len(panels), 3.2), layout="constrained")
+        panels = (*panels, Panel(IN_FIELD, "success (share), by field", share=True))
+    figure = Figure((4.0 * len(panels), 3.8), layout="constrained")
     axes = figure.subplots(1, len(panels))
     for folder, curve in zip(folders, curves, strict=True):
         frames = [each / 1e6 for each in curve["frames"]]
         for axis, panel in zip(axes, panels, strict=True):
             if panel.column in curve:
-                axis.plot(frames, curve[panel.column], linewidth=1.0, alpha=0.8, label=folder.name)
+                axis.plot(frames, curve[panel.column], linewidth=1.0, alpha=0.8, label=folder.name.replace("_", " "))
     for name in fields:
         of: dict[float, list[float]] = {}
         for curve in curves:
@@ -91,15 +91,17 @@ def draw_curves(folders: Sequence[Path], task: str, file: Path, title: str) -> N
                 of.setdefault(frames_seen / 1e6, []).append(share)
         means = [sum(shares) / len(shares) for _, shares in sorted(of.items())]
         axes[-1].plot(sorted(of), means, linewidth=1.0, label=name.removeprefix(IN_FIELD))
-        axes[-1].legend(fontsize="x-small", frameon=False)
+        axes[-1].legend(fontsize="medium", frameon=False)
     for axis, panel in zip(axes, panels, strict=True):
-        axis.set_xlabel("million frames")
+        axis.grid(color="#E7EAED")
+        axis.spines[["top", "right"]].set_visible(False)
+        axis.set_xlabel("million training steps")
         axis.set_ylabel(panel.label)
         axis.set_yscale(panel.scale)
         if panel.share:
             axis.set_ylim(-0.02, 1.02)
-    axes[0].legend(fontsize="small", frameon=False)
-    figure.suptitle(title, fontsize="medium")
+    axes[0].legend(fontsize="medium", frameon=False)
+    figure.suptitle(title, fontsize="large")
     drawn = io.BytesIO()
     figure.savefig(drawn, format=file.suffix.removeprefix("."))
     write_whole(file, drawn.getvalue())

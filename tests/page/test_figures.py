@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -10,15 +11,16 @@ from typing import Any
 import numpy as np
 import pytest
 from matplotlib.collections import LineCollection
-from matplotlib.colors import to_hex
+from matplotlib.colors import to_hex, to_rgb
 from oracles.drawn_tables import rows_of
 
 from wayfield.benchmarks.contests import CONTESTS
 from wayfield.benchmarks.figures import contest_figures, document_figures
-from wayfield.benchmarks.figures.drawing import colour, look
+from wayfield.benchmarks.figures.drawing import PALETTE, colour, look
 from wayfield.benchmarks.records.episode import Episodes
 from wayfield.benchmarks.records.results import write_trajectories
 from wayfield.benchmarks.records.trajectory import Trajectory
+from wayfield.benchmarks.report import page
 from wayfield.envs.scenarios import box, circle, obstacle_field, wall
 
 
@@ -146,3 +148,25 @@ print(matplotlib.get_backend(), plt.get_fignums(), dict(matplotlib.rcParams) == 
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "svg [1] True"
     assert {each.name for each in tmp_path.iterdir()} == {"a.svg", "a.png"}
+
+
+def test_colours_stay_apart_for_colour_blind_readers() -> None:
+    """In CIELAB, as seen without and with protanopia and deuteranopia (Machado et al. 2009)."""
+    style = page.asset("page.css")
+    themes = [re.findall(r"--c\d: (#\w{6})", block) for block in style.split("color-scheme:")[1:]]
+    eyes = [
+        np.eye(3),
+        np.array([[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]]),
+        np.array([[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.01182, 0.04294, 0.968881]]),
+    ]
+    for palette in (PALETTE, *(theme[:9] for theme in themes if theme)):
+        assert len(palette) == 9
+        linear = np.array([to_rgb(each) for each in palette])
+        linear = np.where(linear <= 0.04045, linear / 12.92, ((linear + 0.055) / 1.055) ** 2.4)
+        for eye in eyes:
+            seen = np.clip(linear @ eye.T, 0.0, 1.0)
+            xyz = seen @ np.array([[0.4339, 0.2126, 0.0177], [0.3762, 0.7152, 0.1095], [0.1899, 0.0722, 0.8728]])
+            f = np.cbrt(xyz)  # without the linear part near black, which moves no pair here below the bound
+            lab = np.column_stack([116 * f[:, 1], 500 * (f[:, 0] - f[:, 1]), 200 * (f[:, 1] - f[:, 2])])
+            apart = np.linalg.norm(lab[:, None] - lab, axis=2)
+            assert apart[np.triu_indices(9, 1)].min() > 20.0

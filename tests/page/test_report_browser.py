@@ -59,6 +59,10 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     content.episodes[0] |= {"robot": "mine", "hull": 0.123}
     files = {name: folder / f"{name}.html" for name in ("report", "demo", "bare")}
     files["report"].write_text(rendered(HOSTILE, content, made("evaluate", content), page.BUDGET), encoding="utf-8")
+    told = content.episodes[0]
+    content.duels = [{"contest": told["contest"], "robot": told["robot"], "policies": [told["policy"]]}]
+    files["duel"] = folder / "duel.html"
+    files["duel"].write_text(rendered(HOSTILE, content, made("evaluate", content), page.BUDGET), encoding="utf-8")
     bare = Content(sentences=["a won"], missing=["old-run lacks drives.npz: nothing of it can be replayed."])
     files["bare"].write_text(rendered("bare", bare, made("evaluate", bare), page.BUDGET), encoding="utf-8")
     # in the last one nothing moves, so that what stands there can be dragged
@@ -158,6 +162,14 @@ def test_a_name_that_is_a_script_stays_text(browser: Browser, files: dict[str, P
         assert watched.page.locator("script").count() == 2
         watched.page.get_by_role("button", name="Tables").click()
         assert HOSTILE in watched.page.locator("#full").inner_text()
+
+
+@pytest.mark.parametrize("motion", ["no-preference", "reduce"])
+def test_a_report_opens_on_the_leader_in_motion(browser: Browser, files: dict[str, Path], motion: Any) -> None:
+    with Watched(browser, files["duel"], reduced_motion=motion) as watched:
+        watched.until("replay.chosen.told === replay.told.episodes[0]")
+        watched.until("replay.step > 3" if motion == "no-preference" else "!replay.playing && replay.step === 0")
+        assert watched.errors == []
 
 
 def test_the_replay_reaches_the_end(browser: Browser, files: dict[str, Path]) -> None:

@@ -33,7 +33,9 @@ function numbersTable(header, rows) {
       el("tbody", {}, rows.map((row) => el("tr", {}, row.map((cell) => el("td", {}, cell))))))));
 }
 
-// Sorted, the best first; bars begin at zero, on a logarithmic axis there are dots.
+const campOf = (label) => (label.includes("(trained") ? "var(--c0)" : "var(--c1)");
+
+// Sorted, the best first, in the colour of its camp, for there are more policies than colours; bars begin at zero, on a logarithmic axis there are dots.
 function bars({ rows: given, ...rest }) {
   const chart = { ...rest, rows: [...given].sort((a, b) => (rest.most ? b.values[0] - a.values[0] : a.values[0] - b.values[0])) };
   const left = 16 + 7 * Math.min(34, Math.max(...chart.rows.map((row) => row.label.length)));
@@ -51,14 +53,15 @@ function bars({ rows: given, ...rest }) {
     const [value, a, b] = row.values.length > 1 ? row.values : [row.values[0], row.values[0], row.values[0]];
     picture.append(
       draw("text", { x: left - 6, y: y + 12, "text-anchor": "end" }, row.label.length > 34 ? `${row.label.slice(0, 33)}…` : row.label),
-      chart.log ? draw("circle", { cx: at(value), cy: y + 8.5, r: 5, fill: colourOf(row.label) })
-        : draw("rect", { x: left, y: y + 2, width: Math.max(at(value) - left, 1), height: 13, fill: colourOf(row.label), opacity: 0.85 }),
+      chart.log ? draw("circle", { cx: at(value), cy: y + 8.5, r: 5, fill: campOf(row.label) })
+        : draw("rect", { x: left, y: y + 2, width: Math.max(at(value) - left, 1), height: 13, fill: campOf(row.label) }),
       draw("path", { class: "rule", fill: "none", stroke: b > a ? "var(--ink)" : "none", d: `M${at(a)} ${y + 8.5}H${at(b)}M${at(a)} ${y + 5}v7M${at(b)} ${y + 5}v7` }),
       draw("text", { class: "faint", x: Math.min(at(Math.max(b, value)) + 5, WIDTH - 52), y: y + 12 }, value.toFixed(chart.decimals)));
   });
   const table = numbersTable(["policy", `value (${chart.unit})`, "95 % interval"], chart.rows.map(({ label, values }) =>
     [label, values[0].toFixed(chart.decimals), values.length > 1 ? `${values[1].toFixed(chart.decimals)} to ${values[2].toFixed(chart.decimals)}` : "too few scenarios"]));
-  return el("figure", {}, el("figcaption", {}, chart.title), picture, table);
+  const key = el("p", { class: "note" }, "Blue: controllers. Orange: trained agents. Lines: 95 % intervals.");
+  return el("figure", {}, el("figcaption", {}, chart.title), picture, key, table);
 }
 
 // The speed-accuracy front, and success over the levels of disturbance: curves with intervals.
@@ -90,12 +93,12 @@ function curves(chart) {
     for (const point of series.points) {
       picture.append(draw("line", { x1: x(point.x) + shift, x2: x(point.x) + shift, y1: at(point.low), y2: at(point.high), stroke: colour, opacity: 0.6 }),
         draw("circle", { cx: x(point.x) + shift, cy: at(point.y), r: 4, fill: point.lost ? "var(--paper)" : colour, stroke: colour, "stroke-width": 2 },
-          draw("title", {}, `${series.label}, asked for ${point.asked}: ${short(point.y)} [${short(point.low)}, ${short(point.high)}]${levels ? "" : ` at ${short(point.x)} m/s`}${point.lost ? ", a run failed" : ""}`)));
+          draw("title", {}, `${series.label}, target ${point.asked}: ${short(point.y)} [${short(point.low)}, ${short(point.high)}]${levels ? "" : ` at ${short(point.x)} m/s`}${point.lost ? ", a run failed" : ""}`)));
     }
   });
   const legend = el("ul", { class: "legend" }, chart.series.map(({ label }) => el("li", {}, swatch(label), label)));
   const note = chart.kind === "front" ? el("p", { class: "note" }, "Down and to the right is better. Hollow: a run failed at that speed.") : null;
-  const table = numbersTable(["policy", "asked for", chart.x, chart.y, "95 % interval"], chart.series.flatMap(({ label, points: own }) =>
+  const table = numbersTable(["policy", levels ? "level" : "target speed (m/s)", chart.x, chart.y, "95 % interval"], chart.series.flatMap(({ label, points: own }) =>
     own.map((point) => [label, String(point.asked), levels ? "" : short(point.x), short(point.y), `${short(point.low)} to ${short(point.high)}`])));
   return el("figure", {}, el("figcaption", {}, chart.title), picture, legend, note, table);
 }

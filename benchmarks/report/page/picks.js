@@ -68,7 +68,7 @@ class Picks {
     if (left) about.push("The others did not fit into the file; their numbers are in the tables.");
     if (world.obstacles && world.obstacles.some((each) => each[7] > 0)) about.push("Boxes that can be pushed (dashed) are drawn where they stood at the start.");
     if (world.bodies) about.push(kept.length && !actors[0].others.length ? "Of more than 64 bodies only the first robot is drawn." : "The other bodies are those of the chosen run; people are grey.");
-    if (world.speed) about.push(`Policies are asked for ${short(world.speed)} m/s.`);
+    if (world.speed) about.push(`The target speed is ${short(world.speed)} m/s.`);
     about.push("Poses are rounded to 1 mm and 1 mrad.");
     replay.show(world, episodes[0].robot, actors, about.join(" "));
     const wanted = actors.find((actor) => actor.policy === policy);
@@ -87,18 +87,37 @@ class Picks {
     this.fillWorlds(world);
   }
 
+  // The leader of the first contest and the next play side by side, in a scenario that both complete if one is in the file.
+  duel(duels) {
+    for (const { contest, robot, policies } of duels) {
+      const of = (policy) => this.episodes.filter((each) => each.contest === contest && robot.startsWith(each.robot) && each.policy === policy && each.drive !== undefined);
+      const [first, ...others] = policies.map(of);
+      const beside = (each) => others.every((mine) => mine.some((other) => other.world === each.world && other.outcome === "success"));
+      const found = first.filter((each) => each.outcome === "success" && beside(each)).pop() || first[0]; // later families are harder
+      if (!found) continue;
+      this.goTo(found, policies[0]);
+      this.replay.split(this.replay.actors.find((actor) => actor.policy === policies[1] && !actor.hidden));
+      if (!still()) this.replay.toggle(true);
+      return;
+    }
+  }
+
+  goTo(episode, policy) {
+    for (const [task, families] of this.groups) {
+      const worlds = families.get(episode.family);
+      if (worlds && worlds.has(episode.world) && worlds.get(episode.world).includes(episode)) this.task.value = task;
+    }
+    this.fillFamilies(episode.family);
+    this.fillWorlds(episode.world);
+    this.show(policy);
+  }
+
   // A cell of the heat map: the first scenario of its family or tier, the worst of that policy first.
   open({ contest, robot, kind, name, policy }) {
     const fits = this.episodes.filter((each) => each.contest === contest && robot.startsWith(each.robot) && each[kind] === name && each.policy === policy);
     const found = fits.find((each) => each.outcome !== "success" && each.drive !== undefined) || fits.find((each) => each.drive !== undefined) || fits[0];
     if (!found) return say("none of these episodes is in the file");
-    for (const [task, families] of this.groups) {
-      const worlds = families.get(found.family);
-      if (worlds && worlds.has(found.world) && worlds.get(found.world).includes(found)) this.task.value = task;
-    }
-    this.fillFamilies(found.family);
-    this.fillWorlds(found.world);
-    this.show(policy);
+    this.goTo(found, policy);
     showTab("replay");
     this.replay.canvas.focus({ preventScroll: true });
     return undefined;
