@@ -191,7 +191,9 @@ _SAMPLE_ROWS = [
 
 def _write_sample(folder: Path) -> None:
     rows = [row | dict.fromkeys(NEEDED[len(_ENTRY) :], "0") for row in _SAMPLE_ROWS]
-    card = {"entry": _SAMPLE_ROWS[0], "code": "", "policy": "", "scenarios": {}, "versions": {}}
+    code = "0" * 64
+    versions = {"code and agents": code[:12]}
+    card = {"entry": _SAMPLE_ROWS[0], "code": code, "policy": "", "scenarios": {}, "versions": versions}
     sample = Submission(card | {"episodes": [signed(row) for row in rows]}, rows)
     for name, data in content(sample).items():
         (folder / name).write_bytes(data)
@@ -239,8 +241,15 @@ def _checked(card: Mapping[str, Any], file: Path) -> dict[str, Any]:
         raise Refused(f"{file}: entry holds {shown(list(card['entry']))}; it must be {', '.join(_ENTRY)}")
     if not card["episodes"]:
         raise Refused(f"{file}: episodes is empty")
-    if (there := card["versions"].get("code and agents", card["code"][:12])) != card["code"][:12]:
+    if more := [name for name in card if name not in kinds]:
+        raise Refused(f"{file}: {shown(more[0])} is no field of a card: {', '.join(kinds)}")
+    if not re.fullmatch(r"[0-9a-f]{64}", card["code"], re.ASCII):
+        raise Refused(f"{file}: code is {card['code']:.80}; it must be a digest of 64 digits, 0 to 9 and a to f")
+    if (there := card["versions"].get("code and agents", "none")) != card["code"][:12]:
         raise Refused(f"{file}: code is {card['code'][:12]}, but versions has {there:.40}")
+    for name, version in card["versions"].items():
+        if not re.fullmatch(r"[\w .+-]{1,100}=[\w.+-]{0,100}", f"{name}={version}", re.ASCII):
+            raise Refused(f"{file}: versions has {shown(name)}: {shown(version)}, which is no version")
     if card["policy"] and not _is_own(card["entry"]):
         raise Refused(f"{file}: policy is {card['policy']:.40}, but the entry is none of a policy of somebody's own")
     return {name: card[name] for name in kinds}
@@ -390,12 +399,17 @@ def other_code(submission: Submission, entrant: Entrant | None) -> str:
     """Returns how code and policy here differ from those that drove, and since when results moved; "" of the same."""
     card = submission.card
     found = []
+    theirs = {name: version for name, version in card["versions"].items() if name != "commit"}
+    ours = identity()
+    # of the same code too: whoever wrote the card may have had, or claim, other packages
+    other = differences(theirs, dict.fromkeys(theirs, "none") | ours)
     if card["code"] != source_digest():
         there, here = card["versions"].get("commit") or "unknown", commit() or "unknown"
-        other = differences(dict(card["versions"]), identity())
         moved = _moved(there, card["entry"]["contest"]) if here != "unknown" else ""
         since = f"; published results of the contest moved from commit {moved} on" if moved else ""
         found.append(f"it was driven by other code ({other}; commit {there:.40} there, {here} here{since})")
+    elif other:
+        found.append(f"its card names other versions ({other})")
     if entrant is not None and getattr(entrant, "digest", "") != card["policy"]:
         found.append("the policy is another file than the one that drove")
     return "; ".join(found)

@@ -21,6 +21,7 @@ SMALL = 1_000_000  # bytes of a file
 LARGE = 100  # MiB that one unpacks to; of a table several times as much as objects
 MOST = 200 << 20  # bytes of the process that verifies it
 ROW = dict.fromkeys(NEEDED, "0") | {"contest": "docking", "robot": "p3dx", "policy": "polar", "split": "test"}
+CODE = "0" * 64
 ENTRY = {name: ROW[name] for name in ("contest", "robot", "policy", "gains_name", "split")}
 
 
@@ -70,7 +71,7 @@ def submissions(folder: Path) -> None:
     for rows_name, card_name in {*((name, "signed") for name in CONTENTS), *(("rows", name) for name in CARDS)}:
         made = folder / f"{rows_name}, {card_name}"
         made.mkdir()
-        card = {"entry": ENTRY, "code": "", "policy": "", "scenarios": {}, "versions": {}}
+        card = {"entry": ENTRY, "code": CODE, "policy": "", "scenarios": {}, "versions": {"code and agents": CODE[:12]}}
         (made / CARD).write_text(json.dumps(card | {"episodes": cards[card_name]}))
         (made / ROWS).write_bytes(packed(CONTENTS[rows_name]()))
         assert (made / ROWS).stat().st_size < SMALL

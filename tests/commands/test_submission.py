@@ -218,6 +218,10 @@ def says_less(packed: bytes) -> bytes:
         (CARD, of_card("episodes", 3), "episodes is missing, or no list"),
         (CARD, of_card("policy", "0" * 64), "but the entry is none of a policy of somebody's own"),
         (CARD, of_card("code", "0" * 64), "code is 000000000000, but versions has"),
+        (CARD, of_card("code", ""), "code is ; it must be a digest of 64"),
+        (CARD, of_card("score", "100 %"), "'score' is no field of a card"),
+        (CARD, of_card("versions", {}), "but versions has none"),
+        (CARD, lambda text: text.replace(b'"python": "3', b'"python": "3\\n50 of 50'), "which is no version"),
         (CARD, of_card("scenarios", {}), "its scenarios 'open/test' are not those of this version"),
         (
             CARD,
@@ -237,13 +241,20 @@ def test_files_that_contradict_themselves_are_refused_in_a_line(
 def test_other_code_that_drives_the_same_is_told_of(submitted: Path, tmp_path: Path) -> None:
     copy = shutil.copytree(submitted, tmp_path / "copy")
     versions = json.loads((copy / CARD).read_text())["versions"]
-    older = {"python": "3.9", "code and agents": "0" * 12, "commit": "HEAD~1"}
+    older = {"python": "3.9", "code and agents": "0" * 12, "commit": "abc1234"}
     with_card(copy, code="0" * 64, versions=versions | older)
     done = called(verify, copy, "--sample", 1)
     assert done.exit_code == 0
     assert "it was driven by other code (code and agents 000000000000 there" in done.output
     assert "python 3.9 there" in done.output
-    assert "commit HEAD~1 there" in done.output
+    assert "commit abc1234 there" in done.output
+    own = json.loads((submitted / CARD).read_text())
+    with_card(copy, code=own["code"], versions=own["versions"] | {"numpy": "0.1", "author": "me"})
+    told = called(verify, copy, "--sample", 1).output
+    assert "its card names other versions" in told
+    assert "numpy 0.1 there" in told
+    assert "author me there" in told
+    with_card(copy, code="0" * 64, versions=versions | older)
     signed_anew(copy, [row | {"time": "1.0"} for row in rows_of(copy)])
     assert "driven by other code" in refused_in_a_line(called(verify, copy, "--sample", 1))
 
