@@ -162,7 +162,11 @@ _BLOCK_SPEED, _BLOCK_AHEAD = 2.0, 1.4  # m/s, m
 
 @inlined
 def numbers_of(law):
-    """Returns (s, m/s^2, m/s^2, m, 1) of a force of 2009: relaxation, people, walls and their range, greatest speed."""
+    """Returns (s, m/s^2, m/s^2, m, 1) of a force: relaxation, people (of 2009), walls, their range, greatest speed."""
+    if law == HELBING_MOLNAR:
+        return _RELAXATION, 0.0, _U0 / _WALL, _WALL, _MOST
+    if law == HELBING_FARKAS_VICSEK:
+        return _RELAXATION, 0.0, 0.0, 1.0, np.inf  # walls push as bodies do, and nothing bounds the speed
     if law == PYSOCIALFORCE:
         return 0.5, 5.1, 10.0, 0.2, 1.3
     if law == LIGHTSFM:
@@ -400,75 +404,13 @@ def reaction_to(walk, walker, place, ux, uy, most):
 
 
 @compiled
-def social_velocity(walk, walker, bodies, people, now, w, robots, k, around, dt):
-    """Sets the next velocity of a person by a social force, after dt."""
+def social_velocity(walk, walker, bodies, people, now, w, scenario, robots, k, around, dt):
+    """Sets the next velocity of a person by a social force, with group and reaction, after dt."""
     obstacles, field, count = around
-    ux, uy = wanted(walk, walker)
-    relaxation = _RELAXATION_M if walk.law == MOUSSAID else _RELAXATION
-    ax = (ux - walker.vx) / relaxation
-    ay = (uy - walker.vy) / relaxation
-    size = max(math.sqrt(ux * ux + uy * uy), 1e-12)
-    ex = ux / size
-    ey = uy / size
-    i = robots + k
-    for a in range(bodies.counts[w, i]):
-        j = bodies.near[w, i, a]
-        if j < robots and bodies.places[now, w, j].present == 0:
-            continue  # it has just left
-        x, y, vx, vy = other_body(bodies, people, now, w, robots, j)
-        x -= walker.x
-        y -= walker.y
-        if walk.law == HELBING_MOLNAR:
-            fx, fy = pushed_1995(-x, -y, vx, vy)
-            seen = -(ex * fx + ey * fy) >= _COS_SIGHT * math.sqrt(fx * fx + fy * fy)
-            weight = 1.0 if seen else _BEHIND
-            ax += weight * fx
-            ay += weight * fy
-        elif walk.law == MOUSSAID:
-            fx, fy = pushed_2009(x, y, walker.vx - vx, walker.vy - vy)
-            ax += fx
-            ay += fy
-        else:
-            distance = max(math.sqrt(x * x + y * y), 1e-9)
-            overlap = walk.radius + bodies.hulls[w, j].reach - distance
-            fx, fy = pushed_2000(overlap, -x / distance, -y / distance, walker.vx - vx, walker.vy - vy)
-            ax += fx / _MASS
-            ay += fy / _MASS
-    for o in range(count):
-        distance, nx, ny = nearest_surface(obstacles[field, o], walker.x, walker.y)
-        if distance > _FARTHEST_WALL:
-            continue
-        if walk.law == HELBING_MOLNAR:
-            size = _U0 / _WALL * exponential(-distance / _WALL)
-            ax += size * nx
-            ay += size * ny
-        elif walk.law == MOUSSAID:
-            size = _A_WALL * exponential(-max(distance - walk.radius, 0.0) / _B_WALL)
-            ax += size * nx
-            ay += size * ny
-        else:
-            fx, fy = pushed_2000(walk.radius - distance, nx, ny, walker.vx, walker.vy)
-            ax += fx / _MASS
-            ay += fy / _MASS
-    vx = walker.vx + dt * ax
-    vy = walker.vy + dt * ay
-    if walk.law != HELBING_FARKAS_VICSEK:
-        speed = math.sqrt(vx * vx + vy * vy)
-        most = _MOST * walk.speed
-        if speed > most:
-            vx *= most / speed
-            vy *= most / speed
-    walker.next_vx = vx
-    walker.next_vy = vy
-
-
-@compiled
-def velocity_of_2009(walk, walker, bodies, people, now, w, scenario, robots, k, around, dt):
-    """Sets the next velocity of a person by a force of 2009, with group and reaction, after dt."""
-    obstacles, field, count = around
+    law = walk.law
     ux, uy = wanted(walk, walker)
     i = robots + k
-    relaxation, repulsion, wall, wall_range, factor = numbers_of(walk.law)
+    relaxation, repulsion, wall, wall_range, factor = numbers_of(law)
     most = factor * walk.speed
     px, py = 0.0, 0.0
     if walk.reaction > IMPASSIVE:
@@ -477,9 +419,11 @@ def velocity_of_2009(walk, walker, bodies, people, now, w, scenario, robots, k, 
             ux, uy, most, px, py = reaction_to(walk, walker, bodies.places[now, w, j], ux, uy, most)
     ax = (ux - walker.vx) / relaxation + px
     ay = (uy - walker.vy) / relaxation + py
+    size = max(math.sqrt(ux * ux + uy * uy), 1e-12)
+    ex = ux / size
+    ey = uy / size
     if walk.group > 0:
-        size = max(math.sqrt(ux * ux + uy * uy), 1e-12)
-        px, py = together(walk, walker, people, w, scenario, k, ux / size, uy / size)
+        px, py = together(walk, walker, people, w, scenario, k, ex, ey)
         ax += px
         ay += py
     for a in range(bodies.counts[w, i]):
@@ -489,9 +433,22 @@ def velocity_of_2009(walk, walker, bodies, people, now, w, scenario, robots, k, 
         x, y, vx, vy = other_body(bodies, people, now, w, robots, j)
         x -= walker.x
         y -= walker.y
-        if j < robots and walk.reaction == IMPASSIVE:
+        reach = bodies.hulls[w, j].reach
+        if law == HELBING_MOLNAR:
+            fx, fy = pushed_1995(-x, -y, vx, vy)
+            seen = -(ex * fx + ey * fy) >= _COS_SIGHT * math.sqrt(fx * fx + fy * fy)
+            weight = 1.0 if seen else _BEHIND
+            ax += weight * fx
+            ay += weight * fy
+        elif law == HELBING_FARKAS_VICSEK:
             distance = max(math.sqrt(x * x + y * y), 1e-9)
-            gap = max(distance - bodies.hulls[w, j].reach - walk.radius, 0.0)
+            overlap = walk.radius + reach - distance
+            fx, fy = pushed_2000(overlap, -x / distance, -y / distance, walker.vx - vx, walker.vy - vy)
+            ax += fx / _MASS
+            ay += fy / _MASS
+        elif j < robots and walk.reaction == IMPASSIVE:
+            distance = max(math.sqrt(x * x + y * y), 1e-9)
+            gap = max(distance - reach - walk.radius, 0.0)
             size = wall * exponential(-gap / wall_range) / distance
             ax -= size * x
             ay -= size * y
@@ -501,8 +458,15 @@ def velocity_of_2009(walk, walker, bodies, people, now, w, scenario, robots, k, 
             ay += fy
     for o in range(count):
         distance, nx, ny = nearest_surface(obstacles[field, o], walker.x, walker.y)
-        if distance <= _FARTHEST_WALL:
-            size = wall * exponential(-max(distance - walk.radius, 0.0) / wall_range)
+        if distance > _FARTHEST_WALL:
+            continue
+        if law == HELBING_FARKAS_VICSEK:
+            fx, fy = pushed_2000(walk.radius - distance, nx, ny, walker.vx, walker.vy)
+            ax += fx / _MASS
+            ay += fy / _MASS
+        else:
+            gap = distance if law == HELBING_MOLNAR else max(distance - walk.radius, 0.0)
+            size = wall * exponential(-gap / wall_range)
             ax += size * nx
             ay += size * ny
     vx = walker.vx + dt * ax
@@ -585,10 +549,8 @@ def decide_people(bodies, people, now, w, scenario, robots, around, scratch, dt)
             walker.next_vy = 0.0
         elif walk.law == CONSTANT:
             walker.next_vx, walker.next_vy = walker.vx, walker.vy
-        elif walk.law > REPLAY or walk.group > 0 or walk.reaction > 0:
-            velocity_of_2009(walk, walker, bodies, people, now, w, scenario, robots, k, around, dt)
         else:
-            social_velocity(walk, walker, bodies, people, now, w, robots, k, around, dt)
+            social_velocity(walk, walker, bodies, people, now, w, scenario, robots, k, around, dt)
 
 
 @compiled
