@@ -123,11 +123,11 @@ def last_state(folder: pathlib.Path) -> tuple[State | None, str]:
         ValueError: naming the files, if there are states and none is good.
     """
     (folder / _NEXT).unlink(missing_ok=True)
-    state, told = _good_state(folder)
-    if told:
+    state, note = _good_state(folder)
+    if note:
         os.replace(folder / PREVIOUS, folder / LAST)
         sync_folder(folder)
-    return state, told
+    return state, note
 
 
 @reader("state before the last", PREVIOUS, _sample_two_states, lambda read, file: read(file.parent)[0])

@@ -156,7 +156,7 @@ def main(
         if error.errno != errno.ENOSPC:
             raise
         raise click.ClickException("the disk is full; what was saved before stands, --resume goes on from it") from None
-    sys.exit(_told(jobs, last, preset))
+    sys.exit(_reported(jobs, last, preset))
 
 
 def _scaled(preset: Preset, settings: tuple[str, ...], steps: int | None) -> tuple[str, ...]:
@@ -209,16 +209,14 @@ def _trained(jobs: Sequence[Job], at_once: int) -> list[Report]:
         # older releases of rich end what is disabled with a blank line
         console=console if console.is_terminal else Console(quiet=True),
         disable=not console.is_terminal,
-        transient=True,  # what is left is what `_told` says, or one line about what went wrong
+        transient=True,  # what is left is what `_reported` says, or one line about what went wrong
     ) as bar:
         tasks = {job.seed: bar.add_task(f"seed {job.seed}", total=job.plan.frames, score="") for job in jobs}
         task = EVERY[jobs[0].preset.worlds.task]
 
         noted = set()
         began = time.monotonic()
-        told = {
-            job.seed: (began, 0.0) for job in jobs
-        }  # when a line was last printed of a seed, and its last validation
+        printed = {job.seed: (began, 0.0) for job in jobs}  # when a line of a seed was, and its last validation
 
         def show(report: Report) -> None:
             if report.note and report.seed not in noted:
@@ -229,10 +227,10 @@ def _trained(jobs: Sequence[Job], at_once: int) -> list[Report]:
             fields: Any = {} if report.row is None else {"score": _scores(report.row, task)}
             bar.update(tasks[report.seed], completed=report.frames, **fields)
             if not console.is_terminal:  # which has no bar: a line a validation, and now and then before the first
-                at, validated = told[report.seed]
+                at, validated = printed[report.seed]
                 reached = validated if report.row is None else report.row["frames"]
                 if reached > validated or time.monotonic() - at > _PAUSE:
-                    told[report.seed] = time.monotonic(), reached
+                    printed[report.seed] = time.monotonic(), reached
                     result = f"; {fields['score']}" if reached > validated else ""
                     far = f"{report.frames:,} of {report.of:,} frames, {time.monotonic() - began:.0f} s"
                     click.echo(f"seed {report.seed}: {far}{result}", err=True)
@@ -253,7 +251,7 @@ def _scores(row: Any, task: TaskSpec) -> str:
     return f"success {row['success']:.0%}, {task.failed} {row['collision']:.0%}{cost}, return {row['return']:.1f}"
 
 
-def _told(jobs: Sequence[Job], last: Sequence[Report], preset: Preset) -> int:
+def _reported(jobs: Sequence[Job], last: Sequence[Report], preset: Preset) -> int:
     """Prints how each run ended and where the time went; returns the exit status."""
     status = 0
     for job, report in zip(jobs, last, strict=True):

@@ -363,8 +363,8 @@ def make_worlds(preset: Preset, env_id: str) -> Shaped:
     paces = [pace for _, _, pace in preset.parts]
     features: list[Features] = [preset.features]
     if any_robot:
-        told = [part.briefing("sensors") for part in worlds.parts]
-        features = [features_for(preset.features, each, pace) for each, pace in zip(told, paces, strict=True)]
+        briefings = [part.briefing("sensors") for part in worlds.parts]
+        features = [features_for(preset.features, each, pace) for each, pace in zip(briefings, paces, strict=True)]
     perceptions = [
         Perception(each, preset.actions.of(each), len(robot_kind.twist_axes), dt, preset.base is not None)
         for each in features

@@ -92,19 +92,19 @@ def measure(agent: Agent) -> list[dict[str, Any]]:
 
 
 def cruises(agent: Agent) -> dict[str, list[list[float]]]:
-    """Returns how fast a path follower drives on training paths where it is told a speed, by tier of its actuators.
+    """Returns how fast a path follower drives on training paths where a speed is requested, by tier of its actuators.
 
-    Pairs of the speed told and the mean one driven, m/s, at the speeds that it was trained at, both rising: a speed at
+    Pairs of the requested speed and the mean one, m/s, at the speeds that it was trained at, both rising: a speed at
     which it is no faster than at a lower one is left out.
     """
     task, base, result = task_spec(agent.card["task"]), dict(agent.card["env_kwargs"]), {}
-    told = dataclasses.replace(agent, card={**agent.card, "cruises": {}})
+    unpaced = dataclasses.replace(agent, card={**agent.card, "cruises": {}})
     for tier in agent.card["trained_on"]["actuators"]:
         kwargs = base | {"scenario": "all/train", "actuators": tier}
         pairs: list[list[float]] = []
         for speed in sorted(agent.card["trained_on"]["speeds"]):
             score = validate(
-                dataclasses.replace(told, speed=speed), agent.card["env_id"], kwargs, task.clock, every=EVERY
+                dataclasses.replace(unpaced, speed=speed), agent.card["env_id"], kwargs, task.clock, every=EVERY
             )
             driven = round(score.speed, 4)
             if driven > (pairs[-1][1] if pairs else 0.0):
@@ -136,12 +136,12 @@ def main(folders: tuple[Path, ...]) -> None:
             card["validation"] = validated(score)
         result = measure(dataclasses.replace(agent, card=card))
         write_whole(folder / CARD, (json.dumps(signed({**card, "measured": result}), indent=2) + "\n").encode())
-        told = ", ".join(
+        words = ", ".join(
             f"{each['env_kwargs']['scenario']} {each['env_kwargs']['actuators']} {each['asked_speed']:g} m/s: "
             f"{100.0 * each['success']:.0f} %"
             for each in result
         )
-        click.echo(f"{folder}: {told}")
+        click.echo(f"{folder}: {words}")
 
 
 if __name__ == "__main__":

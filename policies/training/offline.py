@@ -280,8 +280,8 @@ def main(algorithm: str, source: str, name: str | None, count: int, seed: int, s
         )
         for each in range(seed, seed + seeds):
             score = request.train(data, steps, task, count, each, home)
-            told = f"success {score['success']:.0%}, error {score['error']:.4g}, return {score['reward']:.1f}"
-            say(f"seed {each}: {len(steps.inputs):,} frames, validation: {told}; {home / f'seed_{each}' / BEST}")
+            result = f"success {score['success']:.0%}, error {score['error']:.4g}, return {score['reward']:.1f}"
+            say(f"seed {each}: {len(steps.inputs):,} frames, validation: {result}; {home / f'seed_{each}' / BEST}")
     except ValueError as error:
         raise click.UsageError(str(error)) from None
     except FloatingPointError as error:

@@ -49,16 +49,16 @@ class PathReward(Gains):
     failure: float = gain(50.0, "1", "of leaving the corridor")
 
     def __call__(
-        self, told: Mapping[str, NDArray[Any]], speeds: Array, changes: NDArray[Any], dt: float, share: float
+        self, info: Mapping[str, NDArray[Any]], speeds: Array, changes: NDArray[Any], dt: float, share: float
     ) -> Array:
         """Returns the rewards (b,); changes (2, b): see `changes_of`; share: of the run that is over."""
-        e = (self.leniency + (1.0 - self.leniency) * min(2.0 * share, 1.0)) * np.abs(told["cross_track_error"])
-        pace = told["progress"] / (speeds * dt)
+        e = (self.leniency + (1.0 - self.leniency) * min(2.0 * share, 1.0)) * np.abs(info["cross_track_error"])
+        pace = info["progress"] / (speeds * dt)
         stalled = np.clip(1.0 - pace / self.stall_share, 0.0, 1.0)
         stall_cost = self.stall_cost + share * (self.final_stall_cost - self.stall_cost)
         reward = pace * (1.0 - self.error_cost * e) - self.error_rate * e - stall_cost * stalled
         reward -= self.jerk_cost * changes[0] + self.chatter_cost * changes[1]
-        return np.asarray(reward - self.failure * told["left_corridor"])
+        return np.asarray(reward - self.failure * info["left_corridor"])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -77,14 +77,14 @@ class GoalReward(Gains):
     collision: float = gain(60.0, "1", "of touching")
 
     def __call__(
-        self, told: Mapping[str, NDArray[Any]], speeds: Array, changes: NDArray[Any], dt: float, share: float
+        self, info: Mapping[str, NDArray[Any]], speeds: Array, changes: NDArray[Any], dt: float, share: float
     ) -> Array:
         """Returns the rewards (b,); changes (2, b): see `changes_of`; share: of the run that is over."""
         del share
-        closeness = np.clip(1.0 - told["clearance"] / self.near, 0.0, 1.0)
-        reward = told["progress"] / (speeds * dt) - self.time_cost - self.near_cost * closeness * closeness
+        closeness = np.clip(1.0 - info["clearance"] / self.near, 0.0, 1.0)
+        reward = info["progress"] / (speeds * dt) - self.time_cost - self.near_cost * closeness * closeness
         reward -= self.jerk_cost * changes[0]
-        return np.asarray(reward + self.success * told["success"] - self.collision * told["collision"])
+        return np.asarray(reward + self.success * info["success"] - self.collision * info["collision"])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -101,11 +101,11 @@ class TeamReward(GoalReward):
     collision: float = gain(150.0, "1", "of touching")
 
     def __call__(
-        self, told: Mapping[str, NDArray[Any]], speeds: Array, changes: NDArray[Any], dt: float, share: float
+        self, info: Mapping[str, NDArray[Any]], speeds: Array, changes: NDArray[Any], dt: float, share: float
     ) -> Array:
         """Returns the rewards (b,); changes (2, b): see `changes_of`; share: of the run that is over."""
-        nearer = np.minimum(told["clearance"], told["gap"])
-        return super().__call__({**told, "clearance": nearer}, speeds, changes, dt, share)
+        nearer = np.minimum(info["clearance"], info["gap"])
+        return super().__call__({**info, "clearance": nearer}, speeds, changes, dt, share)
 
 
 Reward = PathReward | GoalReward
@@ -240,14 +240,14 @@ class Shaped(VecEnv):
                 law: Any = None if self.base is None else self.pilots[k].policy
                 if hasattr(law, "driven"):
                     law.driven(self.pilots[k].memory, self.shields[k]["command"])
-        observations, _, terminated, truncated, told = self.worlds.advance(twists)
+        observations, _, terminated, truncated, info = self.worlds.advance(twists)
         ended = terminated | truncated
         rows = np.flatnonzero(ended)
         if self.ways is not None:
             left = self.ways(self.worlds)
-            told = told | {"progress": np.where(ended, np.minimum(told["progress"], 0.1), self.left - left)}
+            info = info | {"progress": np.where(ended, np.minimum(info["progress"], 0.1), self.left - left)}
             self.left = left
-        rewards = self.scale * self.reward(told, self.speeds, changes, self.dt, self.share)
+        rewards = self.scale * self.reward(info, self.speeds, changes, self.dt, self.share)
         perception.remember(self._inputs, actions, self.memory)
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         if len(rows):
