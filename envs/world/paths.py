@@ -112,6 +112,7 @@ class Path:
 SPAN = 0.5  # m, before and behind a place, between which the path leads somewhere
 MOST_BACK = 0.02  # of a path's length, that leads the other way before it counts as a track with noise
 FORGIVEN = 0.05  # m, of a path's end, that need not be driven
+SHORTEST = 0.2  # m, of a path: a robot is wider
 STRAIGHT_BACK = math.cos(2.88)  # between the ways that lead to a place and on, beyond which it is the same way
 
 
@@ -121,6 +122,8 @@ def doubt(path: Path) -> str:
     steps = np.diff(points, axis=0)
     lengths = lengths_of(steps)
     s = np.concatenate([[0.0], np.cumsum(lengths)])
+    if s[-1] < SHORTEST:
+        return f"is only {s[-1]:.2g} m long, which robots may not drive to its end; coordinates are in metres"
 
     def at(where: NDArray[np.float64]) -> NDArray[np.float64]:
         where = np.clip(where, 0.0, s[-1])

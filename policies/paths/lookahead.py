@@ -16,6 +16,7 @@ from wayfield.policies.parts.gain import gain
 from wayfield.policies.parts.laws import PathLaw
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.path_smoothing import smoothed
+from wayfield.policies.parts.rehearsal import rehearse
 from wayfield.policies.parts.steering import Motion, unicycle_twists
 from wayfield.system.compiled import any_layout, compiled
 from wayfield.system.elementary import bearing, sin_cos, wrap_angle
@@ -49,7 +50,8 @@ class Lookahead(PathLaw):
     reference_heading: float | None = gain(None, "rad", "yaw of the disc object; None reads the local path tangent")
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
-        """Returns an empty memory: the law remembers nothing."""
+        """Returns an empty memory; warns once of a path that it gets lost on: `rehearse`."""
+        rehearse(self, briefing)
         return np.empty((briefing.num_envs, 0))
 
     def errors(

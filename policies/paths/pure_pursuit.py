@@ -19,6 +19,7 @@ from wayfield.policies.parts.gain import gain
 from wayfield.policies.parts.laws import PathLaw
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.path_smoothing import smoothed
+from wayfield.policies.parts.rehearsal import rehearse
 from wayfield.policies.parts.steering import Motion, unicycle_twists
 from wayfield.system.compiled import compiled
 from wayfield.system.elementary import sin_cos
@@ -53,7 +54,8 @@ class PurePursuit(PathLaw):
     window: float = gain(1.5, "m", "arc length searched ahead of the projection", above=0.0)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
-        """Returns an empty memory: the law remembers nothing."""
+        """Returns an empty memory; warns once of a path that it gets lost on: `rehearse`."""
+        rehearse(self, briefing)
         return np.empty((briefing.num_envs, 0))
 
     def act(
