@@ -223,6 +223,7 @@ def _begin(parent: int) -> None:
     """Leaves Ctrl-C to the parent process, which then stops the pool, and its own end too."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     warnings.simplefilter("ignore", FileNote)  # the parent has read the files, and said so
+    warnings.showwarning = lambda message, *_, **__: say(str(message))
     end_with_parent(parent)
 
 

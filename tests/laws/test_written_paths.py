@@ -143,7 +143,7 @@ def test_every_law_gets_to_the_end_or_the_path_is_warned_of(paths: list[Path]) -
 
 
 @pytest.mark.slow
-@settings(max_examples=30)
+@settings(max_examples=8)
 @given(st.lists(written, min_size=20, max_size=20), st.sampled_from(["p3dx", "omni3", "mecanum4"]))
 def test_every_law_on_every_base_gets_to_the_end_or_the_path_is_warned_of(paths: list[Path], robot: str) -> None:
     each_ends_or_is_warned_of(paths, LAWS, robot)
