@@ -1,6 +1,6 @@
 // Edits the scene: things are moved, resized and turned by their handles, drawn by a drag, and paths by a pen.
 
-const TOOLS = { move: "move", disc: "disc", box: "box", wall: "wall", path: "draw a path" };
+const TOOLS = { move: "move", disc: "disc", box: "box", wall: "wall", path: "path" };
 const HINTS = { move: "Drag things; the small squares resize and turn them.", disc: "Drag from the middle of the disc to its edge.", box: "Drag from corner to corner.",
   wall: "Drag from end to end.", path: "Draw: the policies follow your line. End near its beginning to close it." };
 const SPACING = 0.1; // m between the points of a drawn path

@@ -56,7 +56,7 @@ function worldOf(text, name) {
   try {
     content = JSON.parse(text);
   } catch (error) {
-    throw new Error(`it is no JSON: ${error.message}`);
+    throw new Error(/^\s*[{[]/.test(text) ? `it is no JSON: ${error.message}` : "it is no scenario or data sheet (JSON) and no image");
   }
   if (typeof content !== "object" || content === null || Array.isArray(content)) throw new Error("it must hold one object {...}");
   const kinds = Object.keys(TOLERANCES).filter((each) => each in content);

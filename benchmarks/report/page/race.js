@@ -100,8 +100,7 @@ class Race {
 
   // A scene of the page, as everybody gets it.
   place({ family, seed, robot }) {
-    const { drive, replay } = this;
-    replay.split(null);
+    const { drive } = this;
     [drive.robot.value, drive.tier.value, drive.disturbance.value, drive.from.value] = [robot, "lagged", "none", "the start"];
     picks.restore({ family, seed });
   }

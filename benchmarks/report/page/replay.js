@@ -150,6 +150,7 @@ class Replay {
     this.actors = actors;
     this.chosen = actors[0] || null;
     this.told_of.textContent = about;
+    this.split(null);
     this.stretch();
     this.fit();
     this.seek(0);
@@ -209,39 +210,20 @@ class Replay {
     this.refresh();
   }
 
-  // How an actor stands at a moment, the better the lower: arrived and when, on its way, failed; along a path its error so far.
-  standing(actor, step) {
+  // By the result that the list shows, the better the lower: arrived and when, along a path by its error, under way, failed.
+  standing(actor) {
     const last = actor.x.length - 1;
-    const k = Math.min(step, last);
-    const ended = actor.outcome && step >= last;
-    if (ended && actor.outcome !== "success") return [3, -last];
-    if (this.world.kind === "path") {
-      if (!actor.error || !k) return [1, 0];
-      return [1, rmsOf(actor, k)];
-    }
-    if (ended) return [0, last];
-    const { goal } = this.world;
-    return [1, goal ? Math.hypot(goal[0] - actor.x[k], goal[1] - actor.y[k]) : 0];
-  }
-
-  ranked() {
-    const of = new Map(this.actors.map((actor) => [actor, this.standing(actor, this.step)]));
-    return [...this.actors].sort((a, b) => of.get(a)[0] - of.get(b)[0] || of.get(a)[1] - of.get(b)[1]);
-  }
-
-  // The order follows the cursor; the list is only laid anew where it changes.
-  rank(now = performance.now()) {
-    if (this.actors.length < 2 || now - (this.rankedAt || 0) < 250) return;
-    this.rankedAt = now;
-    const order = this.ranked();
-    if (order.some((actor, k) => actor !== (this.order || [])[k])) this.listActors();
+    if (!actor.outcome) return [1, 0];
+    if (actor.outcome !== "success") return [2, -last];
+    return [0, this.world.kind === "path" && actor.error ? rmsOf(actor, last) : last];
   }
 
   listActors() {
-    this.order = this.ranked();
+    const of = new Map(this.actors.map((actor) => [actor, this.standing(actor)]));
+    const order = [...this.actors].sort((a, b) => of.get(a)[0] - of.get(b)[0] || of.get(a)[1] - of.get(b)[1]);
     this.offerPanes();
     const held = this.list.contains(document.activeElement) ? document.activeElement.getAttribute("aria-label") : null;
-    this.list.replaceChildren(...this.order.map((actor) => {
+    this.list.replaceChildren(...order.map((actor) => {
       const shown = el("input", { type: "checkbox", checked: !actor.hidden, "aria-label": `show ${actor.label}`,
         on: { change: () => { actor.hidden = !shown.checked; this.refresh(true); } } });
       const bad = actor.outcome && actor.outcome !== "success";
@@ -343,7 +325,6 @@ class Replay {
     const clear = (world.bodies || world.walls || (world.obstacles && world.obstacles.length)) && !BOXES[this.robot];
     const able = this.traces.filter((trace) => trace.name !== "clearance" || clear);
     for (const trace of this.traces) trace.canvas.hidden = !able.includes(trace) || !shown.length;
-    this.rank();
     for (const trace of able) if (shown.length) trace.draw(shown, world, step, this.last, chosen && !chosen.hidden ? chosen : null, changed);
   }
 }
