@@ -213,7 +213,7 @@ def ranked(rows: Episodes) -> tuple[str, Table]:
         won = "No policy succeeds"
     met = f"{rows[0]['experiment']}: {len(rows) // plants} policies, one scenario, {rows[0]['actuators']} actuators."
     sentence = f"{met} {won}; one run each, so without an interval."
-    header = ["policy", "plant", "outcome", name, "speed (m/s)", "has access to"]
+    header = ["policy", "plant", "outcome", name, "speed (m/s)", "inputs"]
     return sentence, Table(str(rows[0]["experiment"]), header, lines, "")
 
 

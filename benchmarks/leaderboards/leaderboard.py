@@ -131,7 +131,7 @@ def ranked(standings: Standings) -> dict[Entry, Episodes]:
 
 
 SCENES, PLACE_POLICY, PLACE_GAINS, SUCCESS, SPEED, ACCESS, LEARNED = (
-    *("scenes", "policy", "gains", "success (%)", "speed (m/s)", "has access to", "learned from"),
+    *("scenes", "policy", "gains", "success (%)", "speed (m/s)", "inputs", "learned from"),
 )
 
 

@@ -229,7 +229,7 @@ def _condition(contest: Contest, robot: str, row: Row) -> str:
 
 
 CONDITION, SCENES, FIRST, OTHER = "condition", "scenes", "policy", "beside"
-ACCESS, OTHER_ACCESS = "has access to", "which has"
+ACCESS, OTHER_ACCESS = "inputs", "inputs of the other"
 SUCCESS, P_SUCCESS = "success (points)", "p of success"
 LIMIT = "exact limit (points)"
 OF, COST, UNIT, P_COST = "compared by", "cost where both succeed", "unit", "p of cost"

@@ -246,7 +246,7 @@ def _small(
         note += f" {left} more in the full table."
     if any(each.away for each in shown):
         note += f" {OFF_PACE}: more than {100.0 * PACE_TOLERANCE:.0f} % off the target speed of {contest.pace:g} m/s."
-    return Table(f"{contest.title}, {robot}", [*header, "has access to"], lines, note)
+    return Table(f"{contest.title}, {robot}", [*header, "inputs"], lines, note)
 
 
 def _bars(contest: Contest, robot: str, ranked: Sequence[_Standing]) -> Chart:

@@ -111,7 +111,7 @@ def _match(board: Sequence[Row], lines: Sequence[Row], kind: str, where: str, un
     """Returns the best controller without a map beside the agent, in a kind of scenes."""
     mine = [row for row in board if row["scenes"] == kind]
     agent = next((row for row in mine if row["policy"] == AGENT_OF), None)
-    able = [row for row in mine if row["has access to"] != ONLY_MAP and row["policy"] not in LEARNED]
+    able = [row for row in mine if row["inputs"] != ONLY_MAP and row["policy"] not in LEARNED]
     controller = next(iter(best_sets(able, at_pace(board, lines))), None)
     if agent is None or controller is None:
         return None

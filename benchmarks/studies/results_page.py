@@ -221,7 +221,7 @@ def _leaderboard(entries: Mapping[str, Submission]) -> str:
             cells = [success_cell(rows), solved_mean_cell(rows, cost.metric, contest), each.first["knows"]]
             lines.append([f"{_named((told['policy'], told['gains_name']))}: [{name}]({name}/card.json)", *cells])
         unit = "mm" if cost.unit == "m" else cost.unit
-        header = ["entry", "success (%)", f"{cost.name} ({unit})", "has access to"]
+        header = ["entry", "success (%)", f"{cost.name} ({unit})", "inputs"]
         disturbed = "" if disturbance == "none" else f", {disturbance} disturbance"
         where = f"{count} scenarios of each family, {actuators} actuators, {dynamics} plant{disturbed}."
         blocks += [f"## {contest.spec.title}, {robot}, split {split}", where, _table(header, lines)]
@@ -377,9 +377,11 @@ def _verdicts(rows: Sequence[Mapping[str, str]], verdicts: Sequence[Verdict]) ->
         for row, verdict in found:
             words, success, p_success, cost, p_cost, _ = shown(row, verdict)
             cost = cost.removesuffix(f" {unit}")
-            lines.append([row["beside"], row["which has"], words, _with_p(success, p_success), _with_p(cost, p_cost)])
+            lines.append(
+                [row["beside"], row["inputs of the other"], words, _with_p(success, p_success), _with_p(cost, p_cost)]
+            )
         yield f"### {_place(condition, scenes)}: {policy}"
-        yield _table(["beside", "has access to", "is", "success (points)", f"{by} where both succeed ({unit})"], lines)
+        yield _table(["beside", "inputs", "is", "success (points)", f"{by} where both succeed ({unit})"], lines)
     yield from _side_by_side({key: each for key, each in told.items() if key[0] in several}, several)
 
 
@@ -586,7 +588,7 @@ _DOCKS = {
 
 
 def _has_map(row: Mapping[str, str]) -> bool:
-    return row["has access to"] == ONLY_MAP
+    return row["inputs"] == ONLY_MAP
 
 
 def advised(kept: Kept) -> list[tuple[str, str, str, Mapping[str, str], str]]:
@@ -596,13 +598,11 @@ def advised(kept: Kept) -> list[tuple[str, str, str, Mapping[str, str], str]]:
         board, lines = kept.rows(f"{stem}_board"), kept.rows(f"{stem}_pairs")
         for kind in kinds if board else ():
             mine = [row for row in board if row["scenes"] == kind]
-            accesses = {row["has access to"] for row in mine}
+            accesses = {row["inputs"] for row in mine}
             groups = (NO_MAP, ONLY_MAP) if ONLY_MAP in accesses else tuple(sorted(accesses))
             for access in groups:
                 able = [
-                    row
-                    for row in mine
-                    if access == row["has access to"] or (access == NO_MAP and row["has access to"] != ONLY_MAP)
+                    row for row in mine if access == row["inputs"] or (access == NO_MAP and row["inputs"] != ONLY_MAP)
                 ]
                 sets = best_sets(able, at_pace(board, lines))
                 if len(sets) < 2:
