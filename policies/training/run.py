@@ -1,5 +1,6 @@
 """One training run: updates, validations, checkpoints; killed at any moment, it goes on from the last of them."""
 
+import concurrent.futures
 import contextlib
 import dataclasses
 import importlib.metadata
@@ -10,7 +11,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from numpy.typing import NDArray
@@ -196,6 +197,16 @@ def train(
     return last if last.done else dataclasses.replace(last, stopped=interrupted.number)
 
 
+class _Begun(NamedTuple):
+    """A validation that another thread is at."""
+
+    layers: Layers
+    row: dict[str, float]  # of the curve, as far as it is known
+    logged: Mapping[str, float]
+    state: checkpoints.State  # of the run, when it began
+    found: concurrent.futures.Future[tuple[dict[str, Any], list[Score], list[dict[str, Any]]]]
+
+
 class _Run:
     def __init__(self, job: Job, learner: Learner) -> None:
         self.job = job
@@ -215,6 +226,10 @@ class _Run:
         self.kwargs = preset.env_kwargs(preset.worlds.validation)
         self.further = [(speed, preset.env_kwargs(kwargs)) for speed, kwargs in preset.worlds.conditions]
         self.clock = EVERY[preset.worlds.task].clock
+        self._begun: _Begun | None = None
+        self._beside = concurrent.futures.ThreadPoolExecutor(1)
+        # patience decides by what was found, and SAC's replay buffer is too large to be copied
+        self._waits = preset.learning.patience > 0 or preset.learning.algorithm.name == "sac"
         if state is not None:
             try:
                 self._restore(*state)
@@ -234,7 +249,7 @@ class _Run:
             self._teach(report, interrupted)
         if self.learner.teaching is None and self.preset.prior.imitation and not self.rows:
             self._validate(dict.fromkeys(("reward", *self.learner.LOGGED), math.nan))  # what was taught may be the best
-            self._save()
+            self._settle()
             last = dataclasses.replace(self._report(self.rows[-1]), error=self._useless_clone())
             report(last)
             if last.error:
@@ -242,18 +257,25 @@ class _Run:
                 return last
         while not (self.learner.teaching or self.updates >= self.total or interrupted() or self._given_up()):
             began = time.perf_counter()
-            logged = self.learner.update()
+            try:
+                logged = self.learner.update()
+            except FloatingPointError:
+                self._settle()
+                raise
             self.updates += 1
             self.seconds += time.perf_counter() - began
             if self.updates % self.interval == 0 or self.updates == self.total:
+                self._settle(report)
                 self._validate(logged)
-                self._save()
-                report(self._report(self.rows[-1]))
+            waits = self._waits or self.updates == self.total
+            if self._begun and (waits or self._begun.found.done()):
+                self._settle(report)
             else:
                 report(self._report(None))
+        self._settle()
         done = self.learner.teaching is None and (self.updates >= self.total or self._given_up())
         if not done:
-            self._save()
+            self._save(self._state())
         self._close()
         return dataclasses.replace(self._report(self.rows[-1] if self.rows else None), done=done)
 
@@ -267,6 +289,7 @@ class _Run:
         self.seconds += time.perf_counter() - began
 
     def _close(self) -> None:
+        self._beside.shutdown()
         self.writer.close()
         self.learner.env.close()
 
@@ -304,45 +327,59 @@ class _Run:
         return Report(self.job.seed, self.learner.frames, self.job.plan.frames, row, seconds, note=self.note)
 
     def _validate(self, logged: Mapping[str, float]) -> None:
-        began = time.perf_counter()
-        layers = self.learner.layers()
-        network = Network.of(layers, self.preset.learning.activation)
+        """Begins a validation beside the updates that follow; `_settle` takes what it finds."""
+        layers, preset = self.learner.layers(), self.preset
+        network = Network.of(layers, preset.learning.activation)
         card = self._card(layers, {}, [], {})
-        preset = self.preset
         agent = Agent(network, preset.features, preset.actions, card, preset.worlds.speed, preset.base)
-        result = cruises(agent) if preset.worlds.paced else {}
-        agent = dataclasses.replace(agent, card=card | {"cruises": result})
+        row = {"frames": float(self.learner.frames), "updates": float(self.updates), "seconds": round(self.seconds, 1)}
+        self._begun = _Begun(layers, row, logged, self._state(), self._beside.submit(self._found, agent))
+
+    def _found(self, agent: Agent) -> tuple[dict[str, Any], list[Score], list[dict[str, Any]]]:
+        """Returns how fast an agent drives, where that is asked, its scores, and those as a card has them."""
+        result = cruises(agent) if self.preset.worlds.paced else {}
+        agent = dataclasses.replace(agent, card={**agent.card, "cruises": result})
         scores, measured = [], []
-        for speed, kwargs in ((preset.worlds.speed, self.kwargs), *self.further):
+        for speed, kwargs in ((self.preset.worlds.speed, self.kwargs), *self.further):
             scores.append(validate(dataclasses.replace(agent, speed=speed), self.job.env_id, kwargs, self.clock))
             measured.append(measurement(speed, kwargs, dataclasses.asdict(scores[-1])))
-        score = dataclasses.replace(scores[0], score=sum(each.score for each in scores) / len(scores))
+        return result, scores, measured
+
+    def _settle(self, report: Callable[[Report], None] = lambda report: None) -> None:
+        """Waits for the validation that was begun, if any, notes what it found, and saves the state of that time."""
+        if self._begun is None:
+            return
+        (layers, row, logged, state, found), self._begun = self._begun, None
+        began = time.perf_counter()
+        result, scores, measured = found.result()
         took = time.perf_counter() - began
         self.learner.seconds["validation"] += took
         self.seconds += took
-        row = {
-            "frames": float(self.learner.frames),
-            "updates": float(self.updates),
-            "seconds": round(self.seconds, 1),
-            **dataclasses.asdict(score),
-            **{name: logged[name] for name in self.learner.LOGGED if name in logged},
-        }
+        score = dataclasses.replace(scores[0], score=sum(each.score for each in scores) / len(scores))
+        row = row | dataclasses.asdict(score)
+        row |= {name: logged[name] for name in self.learner.LOGGED if name in logged}
         row["return"], row["reward"] = score.reward, logged["reward"]
         if self.further:
             row |= {in_field(each): each["success"] for each in measured}
         self.rows.append(row)
         for name, value in row.items():
-            self.writer.add_scalar(f"wayfield/{name}", value, self.learner.frames)
+            self.writer.add_scalar(f"wayfield/{name}", value, int(row["frames"]))
         if not self.best or score.score > self.best_row["score"]:
             self.best, self.best_row, self.measured, self.cruises = layers, row, measured, result
+        self._save(state)
+        report(self._report(row))
 
-    def _save(self) -> None:
-        """Writes the state first: whatever else is cut off is written anew from it."""
+    def _state(self) -> checkpoints.State:
+        """Returns what decides how the run goes on, but for what validations found."""
         arrays, numbers = self.learner.state()
+        return arrays, numbers | {"run_updates": self.updates}
+
+    def _save(self, state: checkpoints.State) -> None:
+        """Writes the state first: whatever else is cut off is written anew from it."""
+        arrays, numbers = state
         for k, (weight, bias) in enumerate(self.best):
             arrays[f"best.{k}.weight"], arrays[f"best.{k}.bias"] = weight, bias
         numbers |= {
-            "run_updates": self.updates,
             "rows": self.rows,
             "best_row": self.best_row,
             "measured": self.measured,
