@@ -16,11 +16,11 @@ from flocks import AHEAD, BEHIND
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from PIL import Image, ImageDraw
-from results_page import ONLY_MAP, README, Kept, Row, at_pace, best_sets, entry_of, marked, verdict_of
+from results_page import LEARNED, ONLY_MAP, README, Kept, Row, at_pace, best_sets, entry_of, marked, verdict_of
 from sections import KEPT
 
 from wayfield import policies
-from wayfield.benchmarks.contests import ANY, PACE_TOLERANCE, TRAINED
+from wayfield.benchmarks.contests import PACE_TOLERANCE
 from wayfield.benchmarks.figures.drawing import RC
 from wayfield.benchmarks.leaderboards.verdicts import BETTER, EQUIVALENT, OPEN, WORSE, Verdict
 from wayfield.benchmarks.statistics.aggregates import interval, mean
@@ -32,7 +32,6 @@ FRAME_PX, FRAME_SKIP, PACE_SHOWN = 480, 4, 2.0  # of each side; steps a frame; t
 CONTROLLER, AGENT = "#0072B2", "#E69F00"  # of Okabe and Ito, apart for colour-blind readers
 SUCCESS = "success (%)"
 AGENT_OF = "ppo"  # that stands beside the controllers of a single robot
-LEARNED = (*TRAINED, ANY)  # with a network, alone or beside a planner: no controllers
 
 
 @dataclasses.dataclass(frozen=True)

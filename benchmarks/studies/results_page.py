@@ -18,7 +18,7 @@ from sections import KEPT, ROWS, SECTIONS, Section
 from tabulate import tabulate
 
 from wayfield.benchmarks.commands.submission import Submission, check_whole, read_submission
-from wayfield.benchmarks.contests import CONTESTS, PACE_TOLERANCE, TRAINED
+from wayfield.benchmarks.contests import ANY, CONTESTS, PACE_TOLERANCE, TRAINED
 from wayfield.benchmarks.leaderboards.entries import (
     OFF_PACE,
     grouped,
@@ -28,7 +28,7 @@ from wayfield.benchmarks.leaderboards.entries import (
     solved_mean_cell,
     success_cell,
 )
-from wayfield.benchmarks.leaderboards.verdicts import COST, EQUIVALENT, MARGINS, OPEN, Verdict, judged, shown
+from wayfield.benchmarks.leaderboards.verdicts import BETTER, COST, EQUIVALENT, MARGINS, OPEN, Verdict, judged, shown
 from wayfield.benchmarks.records.episode import Episodes
 from wayfield.envs.robots import ROBOTS
 from wayfield.policies.learned.agent import CARD, read_card
@@ -47,6 +47,7 @@ CHOOSING = "docs/choosing.md"
 LEADERBOARD = "docs/leaderboard"  # a folder each accepted submission
 MOST = 6  # rows a task
 NO_MAP, ONLY_MAP = "no map", "map"
+LEARNED = (*TRAINED, ANY)  # with a network, alone or beside a planner: no controllers
 
 Row = Mapping[str, str]
 
@@ -591,6 +592,19 @@ def _has_map(row: Mapping[str, str]) -> bool:
     return row["inputs"] == ONLY_MAP
 
 
+def controller_first(sets: Sequence[Row], lines: Sequence[Row]) -> Sequence[Row]:
+    """Returns rows of policies, the best first: before an agent its best controller, where the agent is not ahead.
+
+    As `taken` of flocks has it: equivalent or open is no reason to take a network.
+    """
+    law = next((row for row in sets if row["policy"] not in LEARNED), None)
+    if law is None or sets[0] is law:
+        return sets
+    found = verdict_of(lines, law["scenes"], entry_of(sets[0]), entry_of(law))
+    ahead = found is None or found[0].outcome == BETTER or found[0].words.startswith("more successes")
+    return sets if ahead else [law, *(row for row in sets if row is not law)]
+
+
 def advised(kept: Kept) -> list[tuple[str, str, str, Mapping[str, str], str]]:
     """Returns what to take: the task, the kind of scenes, the access, the row that is best there, and its lead."""
     found = []
@@ -604,7 +618,7 @@ def advised(kept: Kept) -> list[tuple[str, str, str, Mapping[str, str], str]]:
                 able = [
                     row for row in mine if access == row["inputs"] or (access == NO_MAP and row["inputs"] != ONLY_MAP)
                 ]
-                sets = best_sets(able, at_pace(board, lines))
+                sets = controller_first(best_sets(able, at_pace(board, lines)), lines)
                 if len(sets) < 2:
                     lead = "no rival"
                     if verdict := verdict_of(lines, kind, entry_of(sets[0]), entry_of(mine[0])):  # who has other inputs
@@ -628,14 +642,14 @@ SAID = {
 
 
 def disagreements(kept: Kept, advice: str) -> list[str]:
-    """Returns where the prose of the advice sends to a policy that is behind, a line each.
+    """Returns where the prose of the advice sends to a policy that is behind, or to an agent that is not ahead.
 
     It is compared with the first entry of the same access in those scenes; who was not measured there is left out.
     """
     found = []
     for policy, told in re.findall(r"^\| `(\w+)` \| (.+?) \|$", advice, re.MULTILINE):
-        for words, kind in SAID.items():
-            for task, _, stem, kinds in TASKS if words in told else ():
+        for said, kind in SAID.items():
+            for task, _, stem, kinds in TASKS if said in told else ():
                 board, lines = kept.rows(f"{stem}_board"), kept.rows(f"{stem}_pairs")
                 if kind not in kinds or (kind == "moving" and len(kinds) > 1):
                     continue  # who moves past a dock is not what stands around a goal
@@ -644,13 +658,16 @@ def disagreements(kept: Kept, advice: str) -> list[str]:
                 if own is None:
                     continue
                 alike = [row for row in mine if _has_map(row) == _has_map(own)]
-                first = best_sets(alike, at_pace(board, lines))[0]
-                verdict = None if own == first else verdict_of(lines, kind, entry_of(own), entry_of(first))
+                sets = best_sets(alike, at_pace(board, lines))
                 behind = ("slower", "errs more", "errs more at a higher speed")  # the prose names no speed
-                if verdict and (verdict[0].words.startswith("fewer successes") or verdict[0].words.endswith(behind)):
-                    found.append(
-                        f"{policy} where {words!r} ({task}): beside {_named(entry_of(first))} it has {verdict[0].words}"
-                    )
+                for first in (controller_first(sets, lines)[0], sets[0]):
+                    verdict = None if own == first else verdict_of(lines, kind, entry_of(own), entry_of(first))
+                    words = verdict[0].words if verdict else ""
+                    learned = policy in LEARNED and first["policy"] not in LEARNED  # and the table names the controller
+                    if words and (learned or words.startswith("fewer successes") or words.endswith(behind)):
+                        beside = _named(entry_of(first))
+                        found.append(f"{policy} where {said!r} ({task}): beside {beside} it has {words}")
+                        break
     return found
 
 

@@ -142,7 +142,8 @@ def test_the_advice_sends_to_nobody_who_is_behind() -> None:
     text = kept.text(results_page.CHOOSING)
     assert results_page.disagreements(kept, text) == []
     # as it once was
-    for policy, words in (("ppo", "the error counts"), ("scan_planner", "obstacles move"), ("mpc_pose", "at a wall")):
+    once = ("ppo", "the error counts"), ("scan_planner", "obstacles move"), ("mpc_pose", "at a wall")
+    for policy, words in (*once, ("ppo", "obstacles move"), ("any_robot", "obstacles are static")):
         (wrong,) = results_page.disagreements(kept, f"| `{policy}` | {words} |")
         assert wrong.startswith(f"{policy} where")
 
