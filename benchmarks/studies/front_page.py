@@ -199,7 +199,7 @@ def _clause(panel: Panel, match: Match) -> str:
         numbers += ", at {:.2f} vs. {:.2f} m/s".format(*speeds[::turned])
     words = {
         EQUIVALENT: f"{{}} and {{}} are equivalent in {of} {{place}}",
-        OPEN: f"{{}} and {{}} do not differ significantly in {of} {{place}}",
+        OPEN: "{} and {} tie {place}",
         **dict.fromkeys((AHEAD, BEHIND), "{} is ahead of {} {place}, but not after correction"),
     }.get(match.outcome, win)
     place = match.where if match.where.startswith(("among ", "in ", "at ", "on ")) else f"on {match.where}"
@@ -216,7 +216,19 @@ def _lines(found: Sequence[Panel]) -> list[str]:
     if not found:
         return ["No run of this version is published."]
     shown = f"![The best controller beside the agent at each task, with 95 % intervals]({FIGURE})"
-    return ["\n".join([shown, "", *sentences(found)])]
+    return ["\n".join([shown, "", _count(found), "", *sentences(found)])]
+
+
+def _count(found: Sequence[Panel]) -> str:
+    """Returns how many kinds of scenes each camp wins, and where agents do."""
+    matches = [match for panel in found for match in panel.matches]
+    lost = [f"{panel.title}: {match.where}" for panel in found for match in panel.matches if match.outcome == WORSE]
+    won = sum(match.outcome == BETTER for match in matches)
+    where = f" ({'; '.join(lost)})" if lost else ""
+    return (
+        f"Of {len(matches)} kinds of scenes, controllers win {won}, agents {len(lost)}{where}. The others tie: no "
+        "significant difference, corrected for multiple comparisons."
+    )
 
 
 def figure(found: Sequence[Panel]) -> bytes:

@@ -187,7 +187,7 @@ def test_the_losing_agents_are_told(repository: Path) -> None:
 
 STEMS = {"among moving obstacles": "claims/docking_p3dx", "on paths with corners": "path_following_p3dx"}
 WORDS = {"more": "succeeds more often than", "ahead": "is ahead of", "same": "are equivalent in success rate"}
-WORDS |= {"open": "do not differ significantly in success rate", "error": "tracks paths with corners more closely than"}
+WORDS |= {"open": "tie", "error": "tracks paths with corners more closely than"}
 
 
 @pytest.mark.parametrize(
