@@ -4,7 +4,6 @@ One NumPy record a robot rather than many arrays: a compiled call pays for each 
 by side in memory. Tasks add their own fields behind these.
 """
 
-import contextlib
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -204,17 +203,6 @@ def odometry_matrices(robot: Robot, source: str) -> tuple[NDArray[np.float64], N
 
 
 POSE_SOURCES = ("ground_truth", "odometry", "odometry_uncorrected", "odometry_plain_sum")
-
-
-def pose_sources(robot: Robot) -> tuple[str, ...]:
-    """Returns the names in POSE_SOURCES that a robot can measure its pose by."""
-    found = ["ground_truth"]
-    for source in POSE_SOURCES[1:]:
-        with contextlib.suppress(ValueError):
-            odometry_matrices(robot, source)
-            found.append(source)
-    return tuple(found)
-
 
 # Standard deviations at noise = 1: a good indoor localiser, quadrature encoders with tyre wear, a cheap lidar.
 POSITION_NOISE = 0.01  # m
