@@ -17,6 +17,7 @@ from wayfield.policies.parts.policy import Policy
 SPEED = 0.4  # m/s, of the law at most
 WAY = 0.1  # m, by which what is left becomes less
 TURN = 0.3  # m/rad, that a turn to the heading counts for, as in the reward
+DENSE = 0.09  # rad, between beams, below which the law sees in time what moves
 NEXT_GOAL = 0.5  # m, by which what is left grows in a control period only where the goal is another
 
 
@@ -66,7 +67,8 @@ def take_over(
     law[begins] = law_at(speed).reset(briefing)[begins]  # what it planned while another drove is no plan
     driven = law_at(speed).act(observation, briefing, law)
     tracks = law["state"]["tracks"]
-    sees = ((tracks["moves"] > 0.0) & (tracks["radius"] > 0.0)).any(axis=1)
+    dense = len(briefing.beam_angles) > 1 and np.diff(briefing.beam_angles[:2])[0] < DENSE
+    sees = dense & ((tracks["moves"] > 0.0) & (tracks["radius"] > 0.0)).any(axis=1)
     law["state"]["radius"][sees & (memory["moving"] == 0.0) & (stood <= patience)] = 0.0
     memory["moving"][sees] = 1.0
     memory["law"] = law
