@@ -505,7 +505,7 @@ def test_docking_is_driven_by_laws_and_by_hand_up_to_the_wall_for_every_hull(
 ) -> None:
     with Watched(browser, files["demo"]) as watched:
         tab = watched.page
-        tab.get_by_label("family").select_option("dock: wall")
+        tab.get_by_label("scene", exact=True).select_option("dock: wall")
         able = tab.evaluate("[...drive.who.options].map((each) => each.value)")
         assert {"polar", "smooth_pose", "smooth_pose_backward", "reeds_shepp", "apf_corrected"} <= set(able)
         assert "waypoint" not in able  # drives bases that go sideways

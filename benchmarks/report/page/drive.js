@@ -6,7 +6,7 @@ const MOTORS = { ideal: "perfect", lagged: "normal", slow: "sluggish" };
 const FAST = 6; // ms of a frame for the simulator
 const IDLE = 14; // ms at a time while nothing plays
 const AHEAD = 3000; // ms to catch up at once
-const REASONS = [["mpc", "solves its problem with OSQP, which is no part of the page"], ["ilqr", "smooths its path in Python first"], ["ppo", ""], ["agent", ""], ["hybrid", "joins an agent and a planner in Python"], ["any_robot", "joins agents and a planner in Python"], ["reeds_shepp_scan", "draws its map of the scan in Python"],
+const REASONS = [["mpc", "solves its problem with OSQP"], ["ilqr", "smooths its path in Python first"], ["ppo", ""], ["agent", ""], ["hybrid", "joins an agent and a planner in Python"], ["any_robot", "joins agents and a planner in Python"], ["reeds_shepp_scan", "draws its map of the scan in Python"],
   ["nav2", "keeps a cost map that the page does not carry"], ["central", "plans for all at once, in Python"], ...["team_guided", "team_scan", "people_free"].map((each) => [each, "its weights are not in this file"])]; // why not here
 
 // Whether the cells of a world's map are not in the page.
