@@ -338,6 +338,10 @@ def test_a_race_has_a_result_and_its_link_carries_the_run(browser: Browser, file
         other = watched.context.new_page()
         other.goto(taken(tab, "Copy a link to race this run"))
         other.evaluate("ready")
+        for _ in range(300):  # the ghost's run is driven anew
+            if other.evaluate(DRIVEN):
+                break
+            other.wait_for_timeout(100)
         driven = POSES.replace("drive.runs", "drive.runs.filter((run) => run.tape.length)")
         (_, mine), (_, ghost) = (each.evaluate(driven)[0] for each in (tab, other))
         assert ghost == mine
