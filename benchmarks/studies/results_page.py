@@ -39,6 +39,7 @@ CARDS = f"{KEPT}/cards.md"
 README = "README.md"
 STUDIES = {
     "everywhere": "A driver for every robot, away from home",
+    "learning": "Learning curves: PPO, SAC and TD3",
     "flocks": "Agents among others",
 }  # pages of their own
 BEGIN, END = "<!-- results: made by python benchmarks/studies/publish.py -->", "<!-- end of results -->"
