@@ -61,17 +61,21 @@ def take_over(
     made = anew | ((left < memory["least"] - WAY) & (memory["stood"] <= patience))
     memory["least"] = np.where(made, left, memory["least"])
     stood = np.where(made, 0.0, memory["stood"] + briefing.dt)
-    begins = (stood > patience) & (memory["stood"] <= patience) & (memory["moving"] == 0.0)
+    alone = memory["moving"] == 0.0
+    begins = (stood > patience) & (memory["stood"] <= patience) & alone
     memory["stood"] = stood
-    law = memory["law"].copy()
-    law[begins] = law_at(speed).reset(briefing)[begins]  # what it planned while another drove is no plan
-    driven = law_at(speed).act(observation, briefing, law)
-    tracks = law["state"]["tracks"]
+    memory["law"][begins] = waiting(briefing, speed)["law"][begins]  # what it planned while another drove is no plan
     dense = len(briefing.beam_angles) > 1 and np.diff(briefing.beam_angles[:2])[0] < DENSE
-    sees = dense & ((tracks["moves"] > 0.0) & (tracks["radius"] > 0.0)).any(axis=1)
-    law["state"]["radius"][sees & (memory["moving"] == 0.0) & (stood <= patience)] = 0.0
-    memory["moving"][sees] = 1.0
-    memory["law"] = law
-    rows = np.flatnonzero((stood > patience) | (memory["moving"] > 0.0))
-    twists[rows] = driven[rows]
+    watching = np.arange(len(stood)) if dense else np.flatnonzero(stood > patience)
+    law = memory["law"][watching]
+    driven = law_at(speed).act(type(observation)(*(each[watching] for each in observation)), briefing, law)
+    if dense:
+        tracks = law["state"]["tracks"]
+        sees = ((tracks["moves"] > 0.0) & (tracks["radius"] > 0.0)).any(axis=1)
+        law["state"]["radius"][sees & alone & (stood <= patience)] = 0.0
+        memory["moving"][sees] = 1.0
+    memory["law"][watching] = law
+    takes = (stood[watching] > patience) | (memory["moving"][watching] > 0.0)
+    rows = watching[takes]
+    twists[rows] = driven[takes]
     return rows

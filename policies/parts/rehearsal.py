@@ -23,7 +23,7 @@ STEP = 0.02  # m
 MOST = 20_000  # control periods that are driven at most: what has gone well so far is taken to end well
 NEAR = 0.05  # m, before its end where a path counts as driven
 
-_rehearsed: set[tuple[int, Any, Any]] = set()
+_rehearsed: set[tuple[Any, ...]] = set()  # path, law, robot and actuators
 
 
 class PathLost(UserWarning):
@@ -39,7 +39,7 @@ def rehearse(law: Any, briefing: Briefing) -> None:
         law: whose `act` reads the pose, the twist and the arc length.
     """
     course = briefing.path
-    if course is None or (key := (id(course.vertices), law, briefing.robot.name)) in _rehearsed:
+    if course is None or (key := (id(course.vertices), law, briefing.robot.name, briefing.actuators)) in _rehearsed:
         return
     _rehearsed.add(key)
     weakref.finalize(course.vertices, _rehearsed.discard, key)

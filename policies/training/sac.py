@@ -4,7 +4,7 @@ Source: Haarnoja et al., "Soft actor-critic algorithms and applications", arXiv:
 has it: two critics, and an entropy coefficient that is learned.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,16 @@ from wayfield.policies.training.learner import Layers, Learner, anneal, layers_o
 from wayfield.policies.training.presets import Sac
 
 _REPLAYED = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
+
+
+def squashed(modules: Iterable[torch.nn.Module]) -> Layers:
+    """Returns weights (outputs, inputs) and biases of linear modules whose last outputs a tanh squashes.
+
+    That is a tanh as those before: so they are a hidden layer more, and the last one passes them on.
+    """
+    found = layers_of(modules)
+    size = len(found[-1][1])
+    return [*found, (np.eye(size, dtype=np.float32), np.zeros(size, np.float32))]
 
 
 class SacLearner(Learner):
@@ -69,14 +79,8 @@ class SacLearner(Learner):
             self.sac.train(gradient_steps=self.sac.gradient_steps, batch_size=self.sac.batch_size)
 
     def layers(self) -> Layers:
-        """Returns weights (outputs, inputs) and biases of the policy's mean, layer after layer.
-
-        What the mean of the Gaussian is squashed by is a tanh as those before: so the mean is a hidden layer more, and
-        the last one passes it on.
-        """
-        squashed = layers_of([*self.sac.actor.latent_pi, self.sac.actor.mu])
-        size = len(squashed[-1][1])
-        return [*squashed, (np.eye(size, dtype=np.float32), np.zeros(size, np.float32))]
+        """Returns weights (outputs, inputs) and biases of the policy's mean, layer after layer."""
+        return squashed([*self.sac.actor.latent_pi, self.sac.actor.mu])
 
     def optimizers(self) -> dict[str, torch.optim.Optimizer]:
         """Returns those of the actor, the critics and the entropy coefficient."""
