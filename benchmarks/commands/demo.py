@@ -36,7 +36,7 @@ OPENING = {
     **{"v": 1, "robot": "omni3", **_CALM, "policy": _SIDES[0], "place": {"family": "people: lanes_24", "seed": 0}},
     **{"runs": [{"policy": each} for each in _SIDES], "step": 0, "beside": _SIDES[1]},
 }
-SENTENCE = "One robot among 24 people: a trained network gets through, the dynamic window approach (DWA) crashes."
+SENTENCE = "One robot among 24 people. In this scene a trained network gets through and DWA, a controller, does not."
 # races by hand, the same for everybody: what each is called, its scene and its robot
 CHALLENGES = [
     {"name": name, "family": family, "seed": seed, "robot": robot}

@@ -31,7 +31,7 @@ def print_short(
             rows = table.rows[:lines]
             say(_small(table.header, rows, width))
             if any(OFF_PACE in cell for row in rows for cell in row):
-                print(f"{OFF_PACE}: off the target speed; do not compare its error with others")
+                print(f"{OFF_PACE}: off the target speed; less error at a lower speed is no win")
             if len(rows) < len(table.rows):
                 print(f"{len(table.rows) - len(rows)} more in table.md")
         print()

@@ -180,7 +180,9 @@ def _lead(rivals: Sequence[_Standing], contest: Contest) -> str:
     if first.success[0] != others[0].success[0] or not all(numbers):
         unit, numbers = "%", [f"{100.0 * each.success[0]:.0f}" for each in (first, others[0])]
     names = [label(each.entry) for each in (first, others[0])]
-    return f"{names[0]} leads with {numbers[0]} {unit}, next {names[1]} with {numbers[1]} {unit}"
+    slow = first.away and first.speed < (contest.pace or 0.0)
+    verb = f"is slower than asked and comes to {numbers[0]}" if slow else f"leads with {numbers[0]}"
+    return f"{names[0]} {verb} {unit}, next {names[1]} with {numbers[1]} {unit}"
 
 
 def _who(ranked: Sequence[_Standing], verdicts: Mapping[tuple[str, str], Verdict], contest: Contest) -> str:
@@ -245,7 +247,8 @@ def _small(
     if left := len(ranked) - len(shown):
         note += f" {left} more in the full table."
     if any(each.away for each in shown):
-        note += f" {OFF_PACE}: more than {100.0 * PACE_TOLERANCE:.0f} % off the target speed of {contest.pace:g} m/s."
+        note += f" {OFF_PACE}: more than {100.0 * PACE_TOLERANCE:.0f} % off the target speed of {contest.pace:g} m/s; "
+        note += "less error at a lower speed is no win."
     return Table(f"{contest.title}, {robot}", [*header, "inputs"], lines, note)
 
 

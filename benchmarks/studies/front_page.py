@@ -200,7 +200,7 @@ def _clause(panel: Panel, match: Match) -> str:
     words = {
         EQUIVALENT: f"{{}} and {{}} are equivalent in {of} {{place}}",
         OPEN: "{} and {} tie {place}",
-        **dict.fromkeys((AHEAD, BEHIND), "{} is ahead of {} {place}, but not after correction"),
+        **dict.fromkeys((AHEAD, BEHIND), "{} is ahead of {} {place}, but not significantly"),
     }.get(match.outcome, win)
     place = match.where if match.where.startswith(("among ", "in ", "at ", "on ")) else f"on {match.where}"
     return f"{words.format(*names, where=match.where, place=place)} ({numbers})"
@@ -222,12 +222,14 @@ def _lines(found: Sequence[Panel]) -> list[str]:
 def _count(found: Sequence[Panel]) -> str:
     """Returns how many kinds of scenes each camp wins, and where agents do."""
     matches = [match for panel in found for match in panel.matches]
-    lost = [f"{panel.title}: {match.where}" for panel in found for match in panel.matches if match.outcome == WORSE]
+    lost = [
+        f"{each.title.lower()}, {match.where}" for each in found for match in each.matches if match.outcome == WORSE
+    ]
     won = sum(match.outcome == BETTER for match in matches)
     where = f" ({'; '.join(lost)})" if lost else ""
     return (
-        f"Of {len(matches)} kinds of scenes, controllers win {won}, agents {len(lost)}{where}. The others tie: no "
-        "significant difference, corrected for multiple comparisons."
+        f"Of {len(matches)} kinds of scenes, controllers win {won}, agents win {len(lost)}{where}, and "
+        f"{len(matches) - won - len(lost)} are ties: not significant after correction for multiple comparisons."
     )
 
 
