@@ -242,6 +242,7 @@ class AlongPath:
         options: dict[str, Any] = {"robot": self._robot, "actuators": "lagged", "disable_env_checker": True}
         made = gymnasium.make(env_id, scenario=scenario, **options)
         made.reset(seed=0)
+        self._policy.reset(self._brief(made.unwrapped))  # what a law thinks over once a path, it does before `take`
         return made.unwrapped
 
     def course_of(self, points: NDArray[np.float64]) -> Any:
@@ -265,9 +266,11 @@ class AlongPath:
         if self._env is None:
             return
         self._env.reset(seed=0)
-        briefing = dataclasses.replace(self._env.briefing(self._policy.knows), action_mode="twist")
         along = self._env.briefing("path")
-        self._driver = _Driver(self._policy, briefing, along, self._env.task.task_params.preview_spacing)
+        self._driver = _Driver(self._policy, self._brief(self._env), along, self._env.task.task_params.preview_spacing)
+
+    def _brief(self, env: Any) -> Briefing:
+        return dataclasses.replace(env.briefing(self._policy.knows), action_mode="twist")
 
     def sent(self, twist: Twist) -> None:
         """Takes note of what the base is sent."""
