@@ -9,10 +9,10 @@ from collections.abc import Mapping
 
 from wayfield.benchmarks.contests.barn import CHALLENGE, OWN_SPEED
 from wayfield.benchmarks.contests.contest import (
-    BY_HAND,
     COST,
     FOUND,
     GAINS_NAMES,
+    HAND_TUNED,
     OWN_SPLIT,
     PACE_TOLERANCE,
     PAPER,
@@ -40,7 +40,6 @@ from wayfield.benchmarks.contests.racetracks import RACETRACKS
 __all__ = [
     "ALL_CONTESTS",
     "ANY",
-    "BY_HAND",
     "CONTESTS",
     "COST",
     "CROSS",
@@ -50,6 +49,7 @@ __all__ = [
     "FRONT_SCENARIOS",
     "GAINS",
     "GAINS_NAMES",
+    "HAND_TUNED",
     "LADDER_SCENARIOS",
     "LADDER_SETS",
     "OF_KIND",

@@ -4,7 +4,7 @@ Every policy meets the same scenarios, starts and disturbances. Gains called "de
 "tuned" those that were found by search (see `tune`) for the robot and the asked speed that they are shown with,
 "robust" those that were found under the disturbances ROBUST_LEVEL, and "paper" those that leave a controller what its
 paper gives it: its objective alone, no memory of what is out of sight, no way around traps, nothing foreseen. Sets that
-have no record of a search stand in the place of tuned and robust ones under the names of BY_HAND. Where no set was
+have no record of a search stand in the place of tuned and robust ones under the names of HAND_TUNED. Where no set was
 found for a robot and a speed, or the default gains came out best, the default gains are shown, and called so.
 """
 
@@ -35,9 +35,9 @@ from wayfield.policies.trained.ppo import shipped, trained
 TRAINED = ("ppo", "hybrid", "team_guided", "team_scan", "people_free")  # with a set for each seed
 DEGREES = 180.0 / math.pi
 FAULTS_NOTE = "Clearance is that of the hull; faults are moments in which a policy had to fall back on something else."
-BY_HAND: Mapping[str, str] = {"tuned": "by hand", "robust": "by hand, disturbed"}  # what such a set is called
-FOUND = (*BY_HAND, *BY_HAND.values())  # sets that are complete, with the speed that was asked for
-GAINS_NAMES = ("default", "tuned", "robust", "paper", "best", "trained", "own", *BY_HAND.values())
+HAND_TUNED: Mapping[str, str] = {"tuned": "hand-tuned", "robust": "hand-tuned, disturbed"}  # what such a set is called
+FOUND = (*HAND_TUNED, *HAND_TUNED.values())  # sets that are complete, with the speed that was asked for
+GAINS_NAMES = ("default", "tuned", "robust", "paper", "best", "trained", "own", *HAND_TUNED.values())
 _REACTIVE = {
     "patience": math.inf,
     "recall": 0.0,
@@ -365,7 +365,7 @@ class Contest:
         given: list[Mapping[str, Any]] = []
         for gains_name, each in better.items():
             if each.gains not in given:
-                yield gains_name if each.chosen == "search" else BY_HAND[gains_name], dict(each.gains)
+                yield gains_name if each.chosen == "search" else HAND_TUNED[gains_name], dict(each.gains)
             given.append(each.gains)
         if name in PAPER and "paper" in gains_names:
             yield "paper", dict(PAPER[name])

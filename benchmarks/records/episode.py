@@ -51,7 +51,7 @@ CONDITIONS = (
     Column("robot", str, "", "robot, by name or data sheet"),
     Column("disturbance", str, "", "level of disturbance"),
     Column("policy", str, "", "policy"),
-    Column("gains_name", str, "", "origin of the gains: default, tuned, robust, by hand, paper, trained"),
+    Column("gains_name", str, "", "origin of the gains: default, tuned, robust, hand-tuned, paper, trained"),
     Column("gains", str, "", "gains that differ from the policy's defaults"),
     Column("dynamics", str, "", "plant: kinematic, pymunk or coppelia"),
     Column("actuators", str, "", "tier of the actuators"),

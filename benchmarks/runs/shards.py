@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from wayfield.benchmarks.contests import ALL_CONTESTS, ANY, BY_HAND, ROBUST_LEVEL, TRAINED, TRANSFER_SPLIT, Contest
+from wayfield.benchmarks.contests import ALL_CONTESTS, ANY, HAND_TUNED, ROBUST_LEVEL, TRAINED, TRANSFER_SPLIT, Contest
 from wayfield.benchmarks.entrants.own_policies import OwnClass, changed_source, sources
 from wayfield.benchmarks.entrants.own_scenario import own_scenario
 from wayfield.benchmarks.records.cases import Case
@@ -268,7 +268,7 @@ def _searched(contest: Contest, case: Case) -> str:
     """Returns what the gains of a law were found from; of default gains, whether a search was lost to them."""
     if case.gains_name == "paper":
         return f"{NO_FRAMES}, as published"
-    level = ROBUST_LEVEL if case.gains_name in ("robust", BY_HAND["robust"]) else "none"
+    level = ROBUST_LEVEL if case.gains_name in ("robust", HAND_TUNED["robust"]) else "none"
     robot = case.env_kwargs["robot"]  # a name where it ships
     found = tuned_set(case.policy, contest.gains_suite, robot, case.asked, level) if isinstance(robot, str) else None
     if case.gains_name == "default" and (found is None or found.chosen != "default"):

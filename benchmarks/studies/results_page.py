@@ -249,8 +249,9 @@ def _index(kept: Kept) -> str:
         "## How to read it",
         "Every policy meets the same scenarios, starts and disturbances. `default` are the gains of the policy's file, "
         "`tuned` those found by search for the condition that they are shown in, `robust` those found under "
-        "disturbances, `by hand` those that somebody compared, `paper` a law as published, `trained` all seeds of the "
-        "agents that ship. Brackets are 95 % intervals. What the columns mean is in [evaluate.md](evaluate.md).",
+        "disturbances, `hand-tuned` those chosen by comparison, without a record of a search, `paper` those of the "
+        "publication, `trained` all seeds of the agents that ship. Brackets are 95 % intervals. What the columns mean "
+        "is in [evaluate.md](evaluate.md).",
         f"{READING} {_covered(kept, 'results/')}".strip(),
     ]
     missing = [section for section in SECTIONS if section.name not in there]

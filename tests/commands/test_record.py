@@ -114,7 +114,7 @@ def test_a_set_is_read_back_as_it_was_driven_and_recorded_again_alike(home, caps
     assert read.total_episodes == 5
     assert read.total_steps == sum(len(each) for each in read)
     # the default gains where a search found none that were better
-    names = {"search": "tuned", "hand": "by hand", "default": "default"}
+    names = {"search": "tuned", "hand": "hand-tuned", "default": "default"}
     best = {policy: tuned_set(policy, "path-following") for policy in ("pure_pursuit", "lqr")}
     assert set(about["policies"]) == {f"{policy}, {names[found.chosen]}" for policy, found in best.items()}
     fields = about["fields"]

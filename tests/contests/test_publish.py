@@ -207,7 +207,7 @@ def test_readme_says_of_a_pair_what_success_says_of_it_before_and_after_correcti
     kept = results_page.Kept(STUDIES.parents[1])
     name = f"{STEMS[where]}_pairs"
     lines = [dict(row) for row in kept.rows(name)]
-    rival = "ilqr (by hand)" if "paths" in where else "reeds_shepp_scan"
+    rival = "ilqr (hand-tuned)" if "paths" in where else "reeds_shepp_scan"
     reach = {"same": 0.5, "open": 9.0}.get(told, 5.0)
     for line in lines:
         if (line["policy"], line["beside"]) == ("ppo (trained)", rival) and line["scenes"] in where:

@@ -308,7 +308,7 @@ def test_the_page_comes_as_near_to_a_goal_as_that_asks(tmp_path: Path) -> None:
     file = tmp_path / "near.json"
     file.write_text(json.dumps({"goal": [0.5, 0.1, 0.3], "position_tolerance": 0.06, "heading_tolerance": 0.02}))
     case = {"task": "goal_reaching", "robot": "p3dx", "actuators": "lagged", "family": "near", "file": str(file)}
-    chosen = [case | {"policy": policy} for policy in ("dwa", "dwa (by hand)", "vfh_plus")]
+    chosen = [case | {"policy": policy} for policy in ("dwa", "dwa (hand-tuned)", "vfh_plus")]
     _, poses = driven(chosen[1], 120)
     assert np.hypot(*(poses[-1, :2] - (0.5, 0.1))) < 0.06  # which its gain, 0.15 m, would not have come to
     compare(chosen, 120)

@@ -300,13 +300,13 @@ def test_a_drawn_path_is_driven_by_all_and_by_python(browser: Browser, files: di
 def test_a_link_shows_the_same_runs_and_python_drives_them(browser: Browser, files: dict[str, Path]) -> None:
     with Watched(browser, files["demo"], viewport={"width": 1280, "height": 900}) as watched:
         tab = watched.page
-        tab.evaluate("drive.clear(); for (const label of ['vfh_plus', 'dwa (by hand)']) drive.add({ label })")
+        tab.evaluate("drive.clear(); for (const label of ['vfh_plus', 'dwa (hand-tuned)']) drive.add({ label })")
         tab.evaluate("drive.editor.take('box')")
         x, y, _ = tab.evaluate("replay.world.goal")
         drag(tab, [[x + 0.8, y + 0.6], [x + 1.0, y + 1.1]])
         watched.until(DRIVEN)
         tab.evaluate("replay.toggle(false); replay.seek(17)")
-        same_in_python(tab, "dwa (by hand)")
+        same_in_python(tab, "dwa (hand-tuned)")
         url = taken(tab, "copy link")
         other = watched.context.new_page()
         other.goto(url)

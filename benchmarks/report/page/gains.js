@@ -108,7 +108,7 @@ class Gains {
   }
 
   found(label) {
-    return this.recipe(`${label} (tuned)`) || this.recipe(`${label} (by hand)`);
+    return this.recipe(`${label} (tuned)`) || this.recipe(`${label} (hand-tuned)`);
   }
 
   tuned() {
