@@ -421,20 +421,25 @@ def slim(trajectory: Trajectory) -> Trajectory:
     )
 
 
-def _key(setting: Setting, code: str) -> str:
-    """Returns the name of a setting's folder: the same for the same setting and code."""
+def _key(setting: Setting, code: str, geometry: str) -> str:
+    """Returns the name of a setting's folder: the same for the same setting, code and digest of its scenarios."""
     case = setting.case
     # agents of one's own may be trained anew in the same folder; a policy's or a model's digest is in its entrant
     gains = case.gains
     card = (trained(gains["home"])[gains["seed"]] / CARD).read_text(encoding="utf-8") if "home" in gains else ""
-    geometry = splits.digest(members_of(ALL_CONTESTS[case.document], setting))
     return hashlib.sha256(f"{setting!r} {geometry} {card} {code}".encode()).hexdigest()[:24]
 
 
 def parts_of(settings: Sequence[Setting], folder: Path) -> list[Part]:
     """Returns the parts of a run that keeps them in a folder."""
     code = source_digest()
-    return [Part(setting, folder / UNFINISHED / _key(setting, code)) for setting in settings]
+    members = [members_of(ALL_CONTESTS[setting.case.document], setting) for setting in settings]
+    each = {tuple(map(id, those)): those for those in members}  # most settings are about the same scenarios
+    digests = {key: splits.digest(those) for key, those in each.items()}
+    keys = (
+        _key(setting, code, digests[tuple(map(id, those))]) for setting, those in zip(settings, members, strict=True)
+    )
+    return [Part(setting, folder / UNFINISHED / key) for setting, key in zip(settings, keys, strict=True)]
 
 
 def _open_parts(folder: Path) -> None:

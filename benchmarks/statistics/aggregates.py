@@ -8,10 +8,10 @@ import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
-import scipy
+import scipy.special
 from numpy.typing import NDArray
 
-from wayfield.benchmarks.statistics.crossed import TRIMMED, enough, share_interval, spread, winsorised
+from wayfield.benchmarks.statistics.crossed import enough, share_interval, spread, trimmed_mean, winsorised
 
 Array = NDArray[np.float64]
 
@@ -22,7 +22,7 @@ _AT_ONCE = 100  # resamples that are held together
 
 def iqm(values: Array) -> Array:
     """Returns the interquartile mean over the last axis: the mean without the lowest and the highest quarter."""
-    return np.asarray(scipy.stats.trim_mean(values, TRIMMED, axis=-1))
+    return trimmed_mean(values)
 
 
 def mean(values: Array) -> Array:
@@ -87,7 +87,7 @@ def interval(
         statistics.append(statistic(drawn.reshape(len(drawn), -1)))
     smallest = min(*map(len, members), table.shape[1] if table.shape[1] > 1 else len(table))
     reach = found.quantile * math.sqrt(smallest / (smallest - 1))
-    tail = float(scipy.stats.norm.sf(reach))
+    tail = float(scipy.special.ndtr(-reach))
     low, high = np.percentile(np.concatenate(statistics), [100.0 * tail, 100.0 * (1.0 - tail)])
     return float(low), float(high)
 

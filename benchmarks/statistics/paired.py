@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
-import scipy
+import scipy.special
 from numpy.typing import NDArray
 
 from wayfield.benchmarks.statistics.aggregates import better, iqm
@@ -103,7 +103,7 @@ def _tested(pairs: Array, strata: Sequence[str], reduction: str, added: float) -
     error = math.sqrt(found.variance * shrunk**2 + added / (count + 2) ** 2)
     if not error > 0.0:
         return Difference(value, math.nan, math.nan, math.nan)
-    p = 2.0 * float(scipy.stats.t.sf(abs(middle) / error, found.freedom))
+    p = 2.0 * float(scipy.special.stdtr(found.freedom, -abs(middle) / error))
     return Difference(value, middle - found.quantile * error, middle + found.quantile * error, p)
 
 

@@ -44,7 +44,7 @@ def validated(score: Score) -> dict[str, float | None]:
 
 
 def _middle(numbers: Array) -> float:
-    """Returns the mean of the middle half of numbers: scipy's `trim_mean`, without the second that its import takes."""
+    """Returns the mean of the middle half of numbers: the interquartile mean."""
     few = int(0.25 * len(numbers))
     return float(np.mean(np.partition(numbers, (few, len(numbers) - few - 1))[few : len(numbers) - few]))
 
