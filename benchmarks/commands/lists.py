@@ -1,7 +1,7 @@
 """What there is: `wayfield policies`, `wayfield scenarios`, `wayfield robots`."""
 
 import shutil
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 
 import click
 import rich.box
@@ -15,31 +15,46 @@ from wayfield.system.checks import choose
 from wayfield.system.command_line import OneLineErrors
 
 
-def _chosen(what: str, names: Sequence[str], known: Iterable[str]) -> list[str]:
-    """Returns the names that were given, in the order of the list, or all; a wrong one ends in a line."""
-    known = list(known)
-    for name in names:
-        try:
-            choose(what, name, known)
-        except ValueError as error:
-            raise click.UsageError(str(error)) from None
-    return [name for name in known if not names or name in names]
+def _chosen(what: str, words: Sequence[str], known: Mapping[str, str]) -> list[str]:
+    """Returns the names that the words are, or are a part of, in the order of the list, or all; else ends in a line.
+
+    Args:
+        what: what a name is of.
+        words: as they were typed.
+        known: the task or drive of each name, which a word may be as well.
+    """
+    found = set() if words else set(known)
+    for word in words:
+        hits = {word} & known.keys() or {name for name, more in known.items() if word in name or word in more.split()}
+        if not hits:
+            try:
+                choose(what, word, known)
+            except ValueError as error:
+                raise click.UsageError(str(error)) from None
+        found |= hits
+    return [name for name in known if name in found]
 
 
 @click.command("policies", cls=OneLineErrors)
 @click.argument("names", nargs=-1)
 def policies(names: tuple[str, ...]) -> None:
-    """Lists the policies, or those of NAMES: task, access, needs, control law and source."""
+    """Lists the policies, or those that NAMES name, also by a part or the task: inputs, needs, control law, source."""
     from wayfield.policies import ABOUT, drives
 
     rows = []
-    for name in _chosen("policy", names, ABOUT):
+    kinds = {name: [spec.kind for spec in EVERY.values() if drives(name, spec)] for name in ABOUT}
+    for name in _chosen("policy", names, {name: " ".join(kinds[name]) for name in ABOUT}):
         about = ABOUT[name]
         policy = about.make()
-        kinds = [spec.kind for spec in EVERY.values() if drives(name, spec)]
         needs = ", ".join(getattr(policy, "needs", ())) or "-"
         rows.append(
-            [name, "\n".join(kinds), policy.knows, needs, about.what + (f" ({about.source})" if about.source else "")]
+            [
+                name,
+                "\n".join(kinds[name]),
+                policy.knows,
+                needs,
+                about.what + (f" ({about.source})" if about.source else ""),
+            ]
         )
     _show("Policies", ("name", "task", "access", "needs", "what it is"), rows)
     _say(
@@ -53,10 +68,10 @@ def policies(names: tuple[str, ...]) -> None:
 @click.command("scenarios", cls=OneLineErrors)
 @click.argument("names", metavar="[FAMILIES]...", nargs=-1)
 def scenarios(names: tuple[str, ...]) -> None:
-    """Lists the families of scenarios of each task, or those named, with tiers and splits, and the other banks."""
+    """Lists the families of scenarios of each task, or those that FAMILIES name, also by a part or the task."""
     from wayfield.envs.scenarios import splits
 
-    chosen = _chosen("family", names, dict.fromkeys(each for spec in EVERY.values() for each in spec.families))
+    chosen = _chosen("family", names, {each: spec.kind for spec in EVERY.values() for each in spec.families})
     for spec in EVERY.values():
         rows = []
         for family in (each for each in spec.families if each in chosen):
@@ -77,9 +92,9 @@ def scenarios(names: tuple[str, ...]) -> None:
 @click.command("robots", cls=OneLineErrors)
 @click.argument("names", nargs=-1)
 def robots(names: tuple[str, ...]) -> None:
-    """Lists the robots, or those of NAMES: drive, size, mass and limits, and the environments that take them."""
+    """Lists the robots, or those that NAMES name, also by a part or the drive: size, mass, limits, environments."""
     rows = []
-    for name in _chosen("robot", names, ROBOTS):
+    for name in _chosen("robot", names, {name: robot.drive for name, robot in ROBOTS.items()}):
         robot = ROBOTS[name]
         ids = "\n".join(spec.env_id(robot).removeprefix("wayfield/") for spec in EVERY.values())
         rows.append([name, _drive(robot), f"{hull_words(robot)}\n{robot.mass:g} kg", _limits(robot), ids])

@@ -45,10 +45,10 @@ _ROOM = "type octile\nheight 4\nwidth 5\nmap\n.....\n.@T@.\n...@.\n.....\n"
 def path_scenario_from_file(file: str, scale: float = 1.0, spec: TaskSpec = TASKS["path_following"]) -> PathScenario:
     """Returns the scenario of a table or a .json file, of a task on paths, its positions multiplied by `scale`.
 
-    For tables see `path_from_table`. A JSON file holds one object: "path" [[x, y], ...], also called as the task calls
-    it, or "path_file" (a table, relative to the JSON file), and as wanted "closed", "laps", "start" [x, y, heading],
-    "start_offset", "start_turn", "corridor" and what else its class has in `file_fields`, with the meaning and defaults
-    there.
+    For tables see `path_from_table`. A JSON file holds the points [[x, y], ...], or one object with them as "path",
+    also called as the task calls it, or with "path_file" (a table, relative to the JSON file), and as wanted "closed",
+    "laps", "start" [x, y, heading], "start_offset", "start_turn", "corridor" and what else its class has in
+    `file_fields`, with the meaning and defaults there.
 
     Raises:
         ValueError: if the file cannot be read as such; one line that starts with the file and names the field
@@ -64,7 +64,7 @@ def path_scenario_from_file(file: str, scale: float = 1.0, spec: TaskSpec = TASK
             raise fault(file, error) from None
     if suffix.lower() != ".json":
         raise of_no_scenario(file, f"a path is read from {', '.join(TABLE_SUFFIXES)} or .json")
-    fields = json_object(file)
+    fields = json_object(file, _WAY)
     paths = tuple(dict.fromkeys((spec.kind, _WAY, _TABLE_FILE)))
     check_keys(file, "", fields, (*paths, *spec.scenario.file_fields))
     if len(given := [field for field in paths if field in fields]) != 1:

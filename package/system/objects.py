@@ -71,8 +71,8 @@ def check_keys(
             raise fault(file, f"field {place + key!r} is missing")
 
 
-def json_object(file: str) -> dict[str, Any]:
-    """Returns the one object of a JSON file.
+def json_object(file: str, of_list: str = "") -> dict[str, Any]:
+    """Returns the one object of a JSON file; of a file that holds a list, an object with it as the field `of_list`.
 
     Raises:
         ValueError: if it holds no such object; one line that starts with the file.
@@ -90,6 +90,8 @@ def json_object(file: str) -> dict[str, Any]:
         raise fault(file, "is too large for this machine's memory") from None
     except ValueError as error:
         raise fault(file, error) from None
+    if of_list and isinstance(content, list):
+        return {of_list: content}
     if not isinstance(content, dict):
         raise fault(file, f"holds {shown(content)}; it must be one object {{...}}")
     return content

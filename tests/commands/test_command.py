@@ -167,6 +167,9 @@ def test_the_lists_name_all_that_there_is_and_fit_80_columns() -> None:
         some = CliRunner().invoke(listed, [mine[1], mine[0]])
         firsts = [line.split()[0] for line in some.output.splitlines() if line.strip()]
         assert [each for each in firsts if each in mine] == mine[:2]
+        part = mine[-1][1:4]  # not a name, so all that it is a part of, or the task or drive of
+        firsts = [line.split()[0] for line in CliRunner().invoke(listed, [part]).output.splitlines() if line.strip()]
+        assert [each for each in firsts if each in mine] == [each for each in mine if part in each]
         assert other.exit_code == 2
         assert "'nothing' is unknown." in str(other.stderr)
 

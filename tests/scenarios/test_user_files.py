@@ -264,6 +264,8 @@ def test_a_second_task_on_paths_has_files_names_and_lists_of_its_own(tmp_path: P
         (scenario,) = scenarios_of(spec, str(file), 0.3)
         assert (type(scenario), scenario.arrival, scenario.length) == (TimedPath, 20.0, 4.0)
         assert scenarios_of(spec, [scenario], 0.3) == (scenario,)
+    file.write_text("[[0, 0], [2, 0], [2, 2]]")
+    assert path_scenario_from_file(str(file), spec=spec).length == 4.0
     with pytest.raises(ValueError, match="it must be a DockingScenario"):
         scenarios_of(TASKS["docking"], [scenario], 0.3)
     file.write_text('{"timed": [[0, 0], [2, 0]], "path": [[0, 0], [2, 0]]}')
