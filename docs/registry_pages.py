@@ -181,7 +181,7 @@ def choices(docs: Path) -> dict[str, str]:
 
 
 def policy_page(name: str, advice: str) -> str:
-    """Returns the page of a policy: what it is told, when to take it, its law and its gains."""
+    """Returns the page of a policy: what it gets, when to take it, its law and its gains."""
     policy = make(name)
     kind = type(policy)
     what, source = ABOUT[name].what, ABOUT[name].source
@@ -189,7 +189,7 @@ def policy_page(name: str, advice: str) -> str:
     tuned = [f"{spec.suite}: {', '.join(tuned_conditions(name, spec.suite))}" for spec in tasks]
     facts = [
         ("drives", ", ".join(spec.title.lower() for spec in tasks)),
-        ("is told before an episode", policy.knows if policy.knows != "sensors" else "nothing: it has its sensors"),
+        ("gets before an episode", policy.knows if policy.knows != "sensors" else "nothing: it has its sensors"),
         ("needs", ", ".join(_needs(name)) or "any robot"),
         ("class", f"`{kind.__module__}.{kind.__name__}`"),
         ("source", source or "none"),

@@ -89,7 +89,11 @@ DOCKING = Contest(
         "do not see what stands around, so that wall, berth and moving show what that costs. waypoint drives omni "
         "bases only. Simulation only."
     ),
-    scenes={"nothing around": ("open", "behind"), "at a wall or in a berth": ("wall", "berth"), "moving": ("moving",)},
+    scenes={
+        "free space": ("open", "behind"),
+        "wall or parking bay": ("wall", "berth"),
+        "moving obstacles": ("moving",),
+    },
     timed_on="open",
     score=score,
     own_columns=(

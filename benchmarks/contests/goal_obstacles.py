@@ -87,8 +87,8 @@ GOAL_OBSTACLES = Contest(
         "Policies that know the map are told what others must find out: they are an upper reference. Simulation only."
     ),
     scenes={
-        "still": tuple(name for name, family in _SPEC.families.items() if not family.moving),
-        "moving": tuple(name for name, family in _SPEC.families.items() if family.moving),
+        "static obstacles": tuple(name for name, family in _SPEC.families.items() if not family.moving),
+        "moving obstacles": tuple(name for name, family in _SPEC.families.items() if family.moving),
     },
     timed_on="clutter_10",
     score=score,

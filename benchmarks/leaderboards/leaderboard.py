@@ -131,7 +131,7 @@ def ranked(standings: Standings) -> dict[Entry, Episodes]:
 
 
 SCENES, PLACE_POLICY, PLACE_GAINS, SUCCESS, SPEED, ACCESS, LEARNED = (
-    *("scenes", "policy", "gains", "success (%)", "speed (m/s)", "inputs", "learned from"),
+    *("scenes", "policy", "gains", "success (%)", "speed (m/s)", "inputs", "training steps"),
 )
 
 
@@ -141,6 +141,11 @@ _BEFORE_TRACKING = (("acquisition (s)", "acquisition_time", 1.0, 2), ("area (mm 
 
 
 _SMOOTH = ("min_clearance", "ldlj")  # what a leaderboard has behind the speed
+
+
+def _steps(rows: Episodes) -> str:
+    """Returns how many steps the training of an entry took, or the search of its gains."""
+    return str(rows[0]["learned_from"]).replace(" frames", "")
 
 
 def board_table(standings: Standings, decisions: Episodes) -> Table:
@@ -175,7 +180,7 @@ def board_table(standings: Standings, decisions: Episodes) -> Table:
             times = decisions.where(policy=entry[0], gains_name=entry[1], batch=1) if decisions else ()
             took = f"{times[0]['median_ms']:.3f}" if times else ""
             cells += [*(cell(each, rows, contest) for each in smooth), took]
-            lines.append([*cells, rows[0]["knows"], rows[0]["learned_from"]])
+            lines.append([*cells, rows[0]["knows"], _steps(rows)])
     unit = "mm" if cost.unit == "m" else cost.unit
     note = (
         f"Ranked by success, then by {cost.name}. {cost.name[0].upper()}{cost.name[1:]}: mean of the runs that "
@@ -205,11 +210,11 @@ def standings_table(standings: Standings, seen: Mapping[Entry, Episodes], decisi
             cells.append(f"{times[0]['p99_ms']:.2f}" if times else "")
         if seen:
             cells.append(gap(seen.get(entry), rows, contest))
-        cells += [rows[0][name] for name in ("knows", "parameters", "learned_from")]
+        cells += [rows[0]["knows"], rows[0]["parameters"], _steps(rows)]
         lines.append(cells)
     header = ["policy", "gains", "success (%)", *(column.header for column in columns)]
     header += ["compute p99 (ms)"] * bool(decisions) + [contest.gap.header if contest.gap else ""] * bool(seen)
-    header += ["knows", "parameters", "learned from"]
+    header += ["inputs", "parameters", "training steps"]
     return Table(standings.title, header, lines, _standings_note(standings, bool(seen)))
 
 
@@ -242,8 +247,8 @@ def _standings_note(standings: Standings, with_gap: bool) -> str:
         "interval of the share of failures. Numbers are means over the episodes, but for "
         f"IQM, the interquartile mean. Rows of trained agents hold {seeds}. A "
         f"failure counts as {contest.counted}; speed, time of successes and effort are of the successes and "
-        f"rank nobody. Learned from: frames of {CONTROL_PERIOD:g} s, driven for it. Compute: one decision of "
-        f"one robot, measured alone.{told}{pace} {standings.source} {contest.notes}"
+        f"rank nobody. Training steps: of {CONTROL_PERIOD:g} s, driven by the training or the search. Compute: one "
+        f"decision of one robot, measured alone.{told}{pace} {standings.source} {contest.notes}"
     )
 
 
@@ -258,9 +263,9 @@ def told_table(standings: Standings) -> Table:
     lines = []
     for entry, rows in standings.entries.items():
         told = disclosed(*entry, rows[0]["knows"], standings.contest)
-        lines.append([label(entry), told.told, told.sees, told.protected, rows[0]["learned_from"]])
-    note = f"Told is what a policy has before an episode, sees is what it has in every step. {standings.source}"
-    header = ["policy", "is told", "sees", "remembers, is protected by", "learned from"]
+        lines.append([label(entry), told.told, told.sees, told.protected, _steps(rows)])
+    note = f"What a policy gets before an episode and at every step, and what protects the robot. {standings.source}"
+    header = ["policy", "before the episode", "at every step", "memory and safeguards", "training steps"]
     return Table(f"{standings.title}: what each has", header, lines, note)
 
 

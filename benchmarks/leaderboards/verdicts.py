@@ -2,8 +2,8 @@
 
 Every difference has one of three outcomes (`outcome`): better or worse, once its p is corrected by Holm's method for
 all comparisons that are shown together; equivalent, where its 95 % interval lies within a margin that was fixed
-beforehand, and the exact limit of a share too; or open. Success comes first, as a paired difference over the scenarios
-that both met. Where it is equivalent or open, the time or the error decides, in the scenarios that both solve; not so
+beforehand, and the exact limit of a share too; or a tie. Success comes first, as a paired difference over the scenarios
+that both met. Where it is equivalent or a tie, the time or the error decides, in the scenarios that both solve; not so
 where the interval of the successes speaks for the other side. Two entries are equivalent that are so in both; who fails
 significantly more often never is, whatever a correction does to its p. Every table, sentence, star and list takes the
 verdict from here. Scenes that stand still and scenes that move are compared apart, so that a difference in some is
@@ -34,8 +34,8 @@ from wayfield.benchmarks.records.table import Table, code_span
 from wayfield.benchmarks.statistics.crossed import LEAST
 from wayfield.benchmarks.statistics.paired import SIGNIFICANT, Difference, holm
 
-BETTER, WORSE, EQUIVALENT, OPEN = "better", "worse", "equivalent", "open"
-SLOWER, FEW = "not at one speed", "too few scenarios"
+BETTER, WORSE, EQUIVALENT, OPEN = "better", "worse", "equivalent", "tie"
+SLOWER, FEW = "at different speeds", "too few scenarios"
 MARGIN = 0.01  # of success
 COST_MARGIN = 0.05  # of the lesser time or error of the two
 MARGINS = f"{100.0 * MARGIN:g} point of success and {100.0 * COST_MARGIN:g} % of time or error"
@@ -99,9 +99,9 @@ class Verdict:
 _OPPOSITES = (
     ("more successes", "fewer successes"),
     ("more successes (not significant)", "fewer successes (not significant)"),
-    ("quicker", "slower"),
-    ("errs less at a lower speed", "errs more at a higher speed"),
-    ("errs less", "errs more"),
+    ("faster", "slower"),
+    ("lower error at a lower speed", "higher error at a higher speed"),
+    ("lower error", "higher error"),
 )
 
 
@@ -139,12 +139,12 @@ def _verdict(line: Row, p_success: float, p_cost: float) -> Verdict:
     if (low > 0.0 or high < 0.0) and cost != (BETTER if low > 0.0 else WORSE):
         # significant before correction: not so alike that a cost may decide which does not say the same
         return Verdict(OPEN, False, f"{words} (not significant)", p_success, p_cost)
-    if cost == success:  # both equivalent, or both open
+    if cost == success:  # both equivalent, or both a tie
         return Verdict(cost, False, cost, p_success, p_cost)
-    before = f"{success} success; "
+    before = f"{success} in success; "
     if cost in (EQUIVALENT, OPEN):
-        return Verdict(OPEN, False, f"{before}{cost} {cost_name}", p_success, p_cost)
-    words = {"time": ("quicker", "slower"), "error": ("errs less", "errs more")}[cost_name][cost == WORSE]
+        return Verdict(OPEN, False, f"{before}{cost} in {cost_name}", p_success, p_cost)
+    words = {"time": ("faster", "slower"), "error": ("lower error", "higher error")}[cost_name][cost == WORSE]
     if apart and best < worst:
         words += " at a higher speed" if cost == WORSE else " at a lower speed"
         return Verdict(SLOWER, False, f"{before}{words}", p_success, p_cost)
@@ -295,7 +295,7 @@ def _numbers(found: Difference, factor: float, decimals: int) -> list[str]:
 
 
 def claims_table(found: Table, command: str) -> Table:
-    """Returns what trained agents win, lose and leave open, of a table of pairs, corrected for all of its lines."""
+    """Returns what trained agents win, lose and tie, of a table of pairs, corrected for all of its lines."""
     rows = [dict(zip(found.header, line, strict=True)) for line in found.rows]
     lines = [
         [row[CONDITION], row[SCENES], row[FIRST], row[OTHER], row[OTHER_ACCESS], *shown(row, each)]
@@ -303,11 +303,11 @@ def claims_table(found: Table, command: str) -> Table:
         if row[FIRST].partition(" ")[0] in TRAINED
     ]
     note = (
-        "The verdict is on success; where that is equivalent or open, on the time or the error of the scenarios that "
+        "The verdict is on success; where that is equivalent or a tie, on the time or the error of the scenarios that "
         f"both solve, unless the interval of the successes speaks for the other side. Equivalent: within {MARGINS}, "
         "and the exact limit of the successes too. Brackets: 95 % intervals. p: corrected by Holm's method for the "
-        f"{2 * len(rows)} comparisons of all pairs of this run, decided under {SIGNIFICANT:g}. Who errs less at a "
-        f"lower speed, by over {100.0 * PACE_TOLERANCE:.0f} %, has not won. Made by {code_span(command)}."
+        f"{2 * len(rows)} comparisons of all pairs of this run, decided under {SIGNIFICANT:g}. A lower error at a "
+        f"lower speed, by over {100.0 * PACE_TOLERANCE:.0f} %, is no win. Made by {code_span(command)}."
     )
     header = [CONDITION, SCENES, FIRST, OTHER, OTHER_ACCESS, *SHOWN]
     return Table("What trained agents win, and what they do not", header, lines, note)

@@ -200,10 +200,10 @@ def _who(ranked: Sequence[_Standing], verdicts: Mapping[tuple[str, str], Verdict
         return f"{name} leads ({won}); {TOO_FEW}."
     of = {each: [other for other, told in found.items() if told == each] for each in (EQUIVALENT, OPEN, SLOWER, WORSE)}
     sentence = f"{name} leads: {won}; next {label(rivals[1].entry)}: {_achieved(rivals[1], contest)}."
-    if behind := of[WORSE]:  # success is ranked by its mean: where it does not decide, one may be quicker, or err less
-        better = "quicker" if contest.cost.unit == "s" else "closer"
-        sentence += f" With equivalent or open success, {_named(behind)} {_is(behind)} {better}."
-    for told, words in ((EQUIVALENT, "Equivalent"), (OPEN, "Open"), (SLOWER, "At another speed")):
+    if behind := of[WORSE]:  # success is ranked by its mean: where it does not decide, one may be faster, or closer
+        better = "faster" if contest.cost.unit == "s" else "closer"
+        sentence += f" With equivalent success, or a tie, {_named(behind)} {_is(behind)} {better}."
+    for told, words in ((EQUIVALENT, "Equivalent"), (OPEN, "Tie"), (SLOWER, "At a different speed")):
         if of[told]:
             sentence += f" {words}: {_named(of[told])}."
     return sentence

@@ -355,7 +355,7 @@ it, always.
 `vfh_plus` and `scan_planner` have their default gains. All see the same scan and are asked for the same speed. Cells
 are success / collisions in per cent. The differences are paired by scene, in points of success, with 95 % intervals.
 Better and worse are corrected by Holm's method for the {{comparisons}} comparisons of this page, ahead and behind are
-not; equivalent is within {100.0 * MARGIN:g} point, all else is open. Scenes are drawn from seeds of their own, and
+not; equivalent is within {100.0 * MARGIN:g} point, all else is a tie. Scenes are drawn from seeds of their own, and
 proven; those of a hull beyond 0.3 m are scaled for it.
 
 What it does not show: noise above "moderate", delays, other families, gains that were tuned for a condition.{{left}}

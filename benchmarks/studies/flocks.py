@@ -4,10 +4,10 @@ All drive the same worlds, from the same starts, with the same scan and actuator
 robot arrives and nobody touches anything. Differences are paired by world, and the mean over the seeds of training; the
 interval, of 95 %, is over worlds, stratified by family, and over seeds. Extra time is compared in worlds that both
 solve. An outcome is better or worse, corrected for all comparisons of the page; equivalent, where the interval lies
-within MARGIN; ahead or behind, not after correction, where the interval alone says so; or open. What to take is decided
-by `taken` alone, on the page and in docs/choosing.md. Rows are kept as CSV, and the page is made of them; what is there
-already is not driven again, so that the parts may be driven one by one. Rows of agents or laws that have changed since
-are to be taken away first:
+within MARGIN; ahead or behind, not after correction, where the interval alone says so; or a tie. What to take is
+decided by `taken` alone, on the page and in docs/choosing.md. Rows are kept as CSV, and the page is made of them; what
+is there already is not driven again, so that the parts may be driven one by one. Rows of agents or laws that have
+changed since are to be taken away first:
 
     python benchmarks/studies/flocks.py --drive teams --policies orca_team,team_guided
     python benchmarks/studies/flocks.py --drive people
@@ -28,7 +28,7 @@ import click
 import gymnasium
 import numpy as np
 from numpy.typing import NDArray
-from results_page import between
+from results_page import between, versus
 from tabulate import tabulate
 
 from wayfield import policies
@@ -364,7 +364,7 @@ class Less(NamedTuple):
 
 
 def leaning(found: str, low: float, high: float) -> str:
-    """Returns an outcome; of an open one that the interval alone decides, "ahead" or "behind, not after correction"."""
+    """Returns an outcome; of a tie that the interval alone decides, "ahead" or "behind, not after correction"."""
     if found == OPEN and (low > 0.0 or high < 0.0):
         return f"{AHEAD if low > 0.0 else BEHIND}, not after correction"
     return found
@@ -453,7 +453,7 @@ def seeds_of(rows: Iterable[Row], agent: str) -> int:
 def taken(first: str, other: str, found: Less, page: Sequence[float], seeds: int) -> str:
     """Returns which of two to take, by what the first solves more than the other.
 
-    Where they are equivalent or that is open, or an agent has too few seeds for a claim, a controller goes before an
+    Where they are equivalent or tie, or an agent has too few seeds for a claim, a controller goes before an
     agent, of two of a kind the one that sees less, and of two that see the same the one that solved more.
     """
     told = found.outcome(page).partition(", ")[0]
@@ -491,7 +491,7 @@ class Compared(NamedTuple):
             EQUIVALENT: f"{agent} and {law} are equivalent within {100.0 * MARGIN:g} point",
             AHEAD: f"{agent} is ahead of {law}, {how}",
             BEHIND: f"{agent} is behind {law}, {how}",
-        }.get(told, f"{agent} beside {law} is open")
+        }.get(told, f"{agent} and {law} tie")
         return f"{words}, {shown}: take {take}."
 
 
@@ -599,10 +599,10 @@ CHOOSING = "choosing.md"  # beside the folder of results
 BEGIN, END = "<!-- flocks: made by python benchmarks/studies/flocks.py -->", "<!-- end of flocks -->"
 LEAST_ACCESS = ("team_scan", "ppo", "vfh_plus", "dwa")  # who see by beams alone; all others see bodies
 PLACES: Mapping[str, tuple[str, Callable[[Row], bool]]] = {
-    "Drive in a team, in the open": ("solved", lambda row: is_of("open", row["family"])),
-    "Drive in a team, among walls": ("solved", lambda row: is_of("walls", row["family"])),
-    "Go among people who see the robot": ("success", lambda row: row.get("contest") == "people-seen"),
-    "Go among people who do not": ("success", lambda row: row.get("contest") == "people-unseen"),
+    "Drive in a team, open field": ("solved", lambda row: is_of("open", row["family"])),
+    "Drive in a team, doors and rooms": ("solved", lambda row: is_of("walls", row["family"])),
+    "Drive among people who avoid the robot": ("success", lambda row: row.get("contest") == "people-seen"),
+    "Drive among people who ignore the robot": ("success", lambda row: row.get("contest") == "people-unseen"),
 }
 
 
@@ -612,9 +612,16 @@ def standing(rows: Sequence[Row], metric: str, name: str) -> tuple[float, float]
     return -float(won.mean()), float(later[won == 1.0].mean()) if won.any() else math.inf
 
 
+def _code(name: str) -> str:
+    """Returns an entry as the page has it."""
+    law = name.removesuffix(TUNED)
+    return f"`{law}`" if law == name else f"`{law}` (tuned)"
+
+
 def advice(teams: Sequence[Row], people: Sequence[Row]) -> str:
     """Returns what to take where, by access, as a table: who is `taken` beside each other, in the worlds of both."""
-    lines, page_ps, teams = [], of_page(teams, people), independent(teams)
+    lines: list[list[str]] = []
+    page_ps, teams = of_page(teams, people), independent(teams)
     for place, (metric, there) in PLACES.items():
         rows = [row for row in (teams if metric == "solved" else people) if there(row)]
         names = list(dict.fromkeys(row["policy"].partition(" seed ")[0] for row in rows))
@@ -625,17 +632,22 @@ def advice(teams: Sequence[Row], people: Sequence[Row]) -> str:
             seeds = min((seeds_of(both, each) for each in (first, other) if each in AGENTS), default=LEAST_SEEDS)
             return taken(first, other, less(both, first, other, metric), page_ps, seeds) == first
 
-        for access, able in (("sensors", [name for name in names if name in LEAST_ACCESS]), ("bodies", names)):
+        for access, able in (("lidar", [name for name in names if name in LEAST_ACCESS]), ("bodies", names)):
             if len(able) < 2:
                 continue
             best = next((name for name in able if all(beats(name, each) for each in able if each != name)), able[0])
             following = next(name for name in able if name != best)
             both = complete(rows, (best, following))
             found, (won, later) = less(both, best, following, metric), standing(both, metric, best)
-            lead = f"`{following}`: {found.outcome(page_ps)}, {found.shown} points"
+            lead = f"{versus(found.outcome(page_ps), _code(following))}: {found.shown} points"
             reached = f"{-100.0 * won:.1f} %, {later:.1f} s"
-            lines.append([place, access, f"`{best}`", reached, collisions(both, best), str(found.worlds), lead])
-    header = ["task", "inputs", "take", "solved, extra time", "with a collision (%)", "scenes", "vs. the next"]
+            line = [place, access, _code(best), reached, collisions(both, best), str(found.worlds), lead]
+            if lines and [place, *line[2:]] == [lines[-1][0], *lines[-1][2:]]:
+                lines[-1][1] += f" or {access}"
+            else:
+                lines.append(line)
+    header = ["task", "inputs", "choose", "solved, extra time", "with a collision (%)", "scenes"]
+    header.append("it is, beside the next best")
     return table(lines, header)
 
 
@@ -788,7 +800,7 @@ that a family counts by its worlds; `mean of families` is the difference where e
 {large} robots, of which fewer worlds are driven, and the circle too. Differences are paired by world, of all seeds of
 training together; brackets are 95 % intervals over worlds, by family, and over seeds, so that three seeds count as
 three. Better and worse are corrected for all comparisons of this page; "ahead" and "behind, not after correction" are
-what the interval alone would decide; two are equivalent whose interval lies within one point; all else is open. Taken
+what the interval alone would decide; two are equivalent whose interval lies within one point; all else is a tie. Taken
 is who is better or ahead; where that is neither, a controller before an agent, of two of a kind the one that sees less,
 and of two that see the same the one that solved more. In parentheses: the least and the greatest seed. Extra time, and
 what people are put through, are compared in worlds that both solve. `team_guided` and `people_free` do not drive by

@@ -79,13 +79,13 @@ _TASKS: tuple[tuple[str, str, str, str, str, str, str, Mapping[str, str]], ...] 
     (
         "Goal reaching without a map", "PPO", "success (%)", "%", "scenes",
         "claims/goal_obstacles_p3dx", "{} reaches more goals than {} {where}",
-        {"still": "among static obstacles", "moving": "among moving obstacles"},
+        {"static obstacles": "among static obstacles", "moving obstacles": "among moving obstacles"},
     ),
     (
         "Docking (PPO with a fallback)", "PPO", "success (%)", "%", "docks",
         "claims/docking_p3dx", "{} succeeds more often than {} {where}",
-        {"nothing around": "in free space", "at a wall or in a berth": "at a wall or in a bay",
-         "moving": "among moving obstacles"},
+        {"free space": "in free space", "wall or parking bay": "at a wall or in a bay",
+         "moving obstacles": "among moving obstacles"},
     ),
 )  # fmt: skip
 
@@ -144,12 +144,12 @@ def _outcome(verdict: Verdict, line: Row, turned: bool, unit: str) -> str:
     )
     if turned != (of == "error"):  # less of an error is better
         low, high = -high, -low
-    if of == "error" and "errs" in words:
-        found = BETTER if "errs less" in words else WORSE
+    if of == "error" and words.partition("; ")[2].startswith(("lower", "higher")):
+        found = BETTER if "lower error" in words else WORSE
     elif verdict.on_success:
         found = verdict.outcome
     else:
-        found = EQUIVALENT if words == EQUIVALENT or f"{EQUIVALENT} {of}" in words else OPEN
+        found = EQUIVALENT if words == EQUIVALENT or f"{EQUIVALENT} in {of}" in words else OPEN
     return flocks.leaning(found, low, high).partition(", ")[0]
 
 

@@ -56,11 +56,21 @@ Row = Mapping[str, str]
 Task = tuple[str, str, str, tuple[str, ...]]
 TASKS: tuple[Task, ...] = (
     ("Follow a path", "path-following", "path_following_p3dx", ("smooth paths", "paths with corners")),
-    ("Reach a goal among static obstacles", "goal-obstacles-claims", "claims/goal_obstacles_p3dx", ("still",)),
-    ("Reach a goal among moving obstacles", "goal-obstacles-claims", "claims/goal_obstacles_p3dx", ("moving",)),
+    (
+        "Reach a goal among static obstacles",
+        "goal-obstacles-claims",
+        "claims/goal_obstacles_p3dx",
+        ("static obstacles",),
+    ),
+    (
+        "Reach a goal among moving obstacles",
+        "goal-obstacles-claims",
+        "claims/goal_obstacles_p3dx",
+        ("moving obstacles",),
+    ),
     (
         *("Dock at a pose", "docking-claims", "claims/docking_p3dx"),
-        ("nothing around", "at a wall or in a berth", "moving"),
+        ("free space", "wall or parking bay", "moving obstacles"),
     ),
 )
 
@@ -263,11 +273,12 @@ def _index(kept: Kept) -> str:
 
 READING = (
     "Success is ranked first, then the time or the error of the runs that succeeded, each entry at its own speed. A "
-    "verdict is on success, as a paired difference; where that is equivalent or open, it is on the time or the error "
+    "verdict is on success, as a paired difference; where that is equivalent or a tie, it is on the time or the error "
     "of the scenarios that both solve. Better and worse are what outlasts Holm's correction for all comparisons of the "
     f"page; equivalent is a 95 % interval within {MARGINS}, and of successes the exact limit too; all else is "
-    "open. `more successes (not significant)` is open too: the interval alone leaves out zero, and time or error do "
-    f"not say the same. Who errs less at a lower speed, by over {100.0 * PACE_TOLERANCE:.0f} %, has not won."
+    "a tie. `more successes (not significant)` is a tie too: the interval alone leaves out zero, the correction does "
+    "not, and time or error do not decide for it. A lower error at a lower speed, by over "
+    f"{100.0 * PACE_TOLERANCE:.0f} %, is no win."
 )
 
 
@@ -340,7 +351,7 @@ def entry_of(row: Mapping[str, str]) -> tuple[str, str]:
 def _named(entry: tuple[str, str]) -> str:
     """Returns how a sentence or a table calls an entry."""
     policy, gains = entry
-    return f"`{policy}`" if gains in ("default", "trained") else f"`{policy}`, {gains}"
+    return f"`{policy}`" if gains in ("default", "trained") else f"`{policy}` ({gains})"
 
 
 def _boards(rows: Sequence[Mapping[str, str]]) -> Iterator[str]:
@@ -353,13 +364,13 @@ def _boards(rows: Sequence[Mapping[str, str]]) -> Iterator[str]:
         for row in mine:
             line = {"policy": _named(entry_of(row)), **_narrow(row, list(row)[3:])}
             if _TIME in row:  # the widest of them: who taught an agent stands below
-                learned, _, teacher = line.pop("learned from").partition(", taught by ")
-                line["from"] = learned.replace(" frames", "")
+                learned, _, teacher = line.pop("training steps").partition(", taught by ")
+                line["training steps"] = learned
                 teachers |= {line["policy"]: f"{line['policy']} by `{teacher}`"} if teacher else {}
             lines.append(line)
         yield _table(list(lines[0]), [list(line.values()) for line in lines])
         if teachers:
-            yield f"From: frames of the search for gains, or of training. Taught: {', '.join(teachers.values())}."
+            yield f"Training steps: of the training, or of the search. Taught: {', '.join(teachers.values())}."
 
 
 def _verdicts(rows: Sequence[Mapping[str, str]], verdicts: Sequence[Verdict]) -> Iterator[str]:
@@ -425,7 +436,7 @@ def _place(condition: str, scenes: str) -> str:
 
 
 def _short(verdict: Verdict) -> str:
-    """Returns the words that decide a verdict: without the success where time or error do; "open" where none does."""
+    """Returns the words that decide a verdict: without the success where time or error do; "tie" where none does."""
     told = verdict.words.rpartition("; ")[2]
     return OPEN if verdict.outcome == OPEN and told != verdict.words else told
 
@@ -469,7 +480,7 @@ def _narrow(row: Mapping[str, str], names: Sequence[str]) -> dict[str, str]:
 
 
 # what a leaderboard has on its page alone
-_ON_ITS_PAGE = ("timeout (%)", "least clearance (m)", "LDLJ", "ms a decision", "learned from")
+_ON_ITS_PAGE = ("timeout (%)", "least clearance (m)", "LDLJ", "ms a decision", "training steps")
 
 
 def _front_table(board: Sequence[Mapping[str, str]], lines: Sequence[Mapping[str, str]], kinds: Sequence[str]) -> str:
@@ -551,7 +562,7 @@ Told = tuple[Task, Sequence[Mapping[str, str]], Sequence[Mapping[str, str]]]
 
 
 def _sentences(found: Sequence[Told]) -> str:
-    """Returns which policy comes first at what without a map, and in parentheses who is equivalent, and who is open."""
+    """Returns which policy comes first at what without a map, and in parentheses who is equivalent, and who ties."""
     first: dict[str, str] = {}
     for (heading, _, _, kinds), board, lines in found:
         for kind in kinds:
@@ -564,14 +575,16 @@ def _sentences(found: Sequence[Told]) -> str:
                 for outcome in (EQUIVALENT, OPEN)
                 if outcome in dict(outcomes).values()
             ]
-            first[f"{heading}, {kind}"] = f"`{mine[0]['policy']}`" + (f" ({'; '.join(near)})" if near else "")
+            first[heading if kind in heading else f"{heading}, {kind}"] = f"`{mine[0]['policy']}`" + (
+                f" ({'; '.join(near)})" if near else ""
+            )
     told = []
     for places in (_WAYS, _DOCKS):
         parts = [words.format(first[place]) for place, words in places.items() if place in first]
         if parts:
             told.append(", ".join(parts[:-1]) + (", and " if len(parts) > 1 else "") + parts[-1] + ".")
     if any("(" in each for each in first.values()):
-        told.append(f"Equivalent: within {MARGINS}. Open: neither that nor better, corrected for all of the page.")
+        told.append(f"Equivalent: within {MARGINS}. Tie: no significant difference, corrected for all of the page.")
     return " ".join(told)
 
 
@@ -580,13 +593,13 @@ _WAYS = {
     "Follow a path, ": "{} tracks paths most closely",
     "Follow a path, smooth paths": "{} tracks smooth paths most closely",
     "Follow a path, paths with corners": "{} paths with corners",
-    "Reach a goal among static obstacles, still": "without a map {} reaches most goals among static obstacles",
-    "Reach a goal among moving obstacles, moving": "{} among moving obstacles",
+    "Reach a goal among static obstacles": "without a map {} reaches most goals among static obstacles",
+    "Reach a goal among moving obstacles": "{} among moving obstacles",
 }
 _DOCKS = {
-    "Dock at a pose, nothing around": "Without a map {} docks best with nothing around",
-    "Dock at a pose, at a wall or in a berth": "{} at a wall or in a berth",
-    "Dock at a pose, moving": "{} among moving obstacles",
+    "Dock at a pose, free space": "Without a map {} docks best in free space",
+    "Dock at a pose, wall or parking bay": "{} at a wall or in a bay",
+    "Dock at a pose, moving obstacles": "{} among moving obstacles",
 }
 
 
@@ -597,7 +610,7 @@ def _has_map(row: Mapping[str, str]) -> bool:
 def controller_first(sets: Sequence[Row], lines: Sequence[Row]) -> Sequence[Row]:
     """Returns rows of policies, the best first: before an agent its best controller, where the agent is not ahead.
 
-    As `taken` of flocks has it: equivalent or open is no reason to take a network.
+    As `taken` of flocks has it: equivalent or a tie is no reason to take a network.
     """
     law = next((row for row in sets if row["policy"] not in LEARNED), None)
     if law is None or sets[0] is law:
@@ -621,14 +634,13 @@ def advised(kept: Kept) -> list[tuple[str, str, str, Mapping[str, str], str]]:
                     row for row in mine if access == row["inputs"] or (access == NO_MAP and row["inputs"] != ONLY_MAP)
                 ]
                 sets = controller_first(best_sets(able, at_pace(board, lines)), lines)
-                if len(sets) < 2:
-                    lead = "no rival"
-                    if verdict := verdict_of(lines, kind, entry_of(sets[0]), entry_of(mine[0])):  # who has other inputs
-                        lead += f"; {_named(entry_of(mine[0]))}: {_lead(verdict)}"
-                else:
-                    verdict = verdict_of(lines, kind, entry_of(sets[0]), entry_of(sets[1]))
-                    lead = f"{_named(entry_of(sets[1]))}: " + (_lead(verdict) if verdict else "not compared")
-                found.append((task, kind, access, sets[0], lead))
+                alone = len(sets) < 2
+                other = best_sets(mine, at_pace(board, lines))[0] if alone else sets[1]  # who may have other inputs
+                verdict = verdict_of(lines, kind, entry_of(sets[0]), entry_of(other))
+                lead = _lead(verdict, _named(entry_of(other))) if verdict else ""
+                if not lead and not alone:
+                    lead = f"not tested against {_named(entry_of(other))}, {_result(other)}"
+                found.append((task, kind, access, sets[0], "; ".join(["no rival"] * alone + [lead] * bool(lead))))
     return found
 
 
@@ -636,10 +648,10 @@ def advised(kept: Kept) -> list[tuple[str, str, str, Mapping[str, str], str]]:
 SAID = {
     "the error counts": "smooth paths",
     "corners": "paths with corners",
-    "obstacles are static": "still",
-    "obstacles move": "moving",
-    "the space is free": "nothing around",
-    "at a wall": "at a wall or in a berth",
+    "obstacles are static": "static obstacles",
+    "obstacles move": "moving obstacles",
+    "the space is free": "free space",
+    "at a wall": "wall or parking bay",
 }
 
 
@@ -653,7 +665,7 @@ def disagreements(kept: Kept, advice: str) -> list[str]:
         for said, kind in SAID.items():
             for task, _, stem, kinds in TASKS if said in told else ():
                 board, lines = kept.rows(f"{stem}_board"), kept.rows(f"{stem}_pairs")
-                if kind not in kinds or (kind == "moving" and len(kinds) > 1):
+                if kind not in kinds or (kind == "moving obstacles" and len(kinds) > 1):
                     continue  # who moves past a dock is not what stands around a goal
                 mine = [row for row in board if row["scenes"] == kind]
                 own = next((row for row in best_sets(mine, at_pace(board, lines)) if row["policy"] == policy), None)
@@ -661,7 +673,7 @@ def disagreements(kept: Kept, advice: str) -> list[str]:
                     continue
                 alike = [row for row in mine if _has_map(row) == _has_map(own)]
                 sets = best_sets(alike, at_pace(board, lines))
-                behind = ("slower", "errs more", "errs more at a higher speed")  # the prose names no speed
+                behind = ("slower", "higher error", "higher error at a higher speed")  # the prose names no speed
                 for first in (controller_first(sets, lines)[0], sets[0]):
                     verdict = None if own == first else verdict_of(lines, kind, entry_of(own), entry_of(first))
                     words = verdict[0].words if verdict else ""
@@ -673,18 +685,33 @@ def disagreements(kept: Kept, advice: str) -> list[str]:
     return found
 
 
-def _lead(found: tuple[Verdict, Mapping[str, str], bool]) -> str:
+def versus(words: str, name: str) -> str:
+    """Returns a verdict's words as a phrase that names the other entry."""
+    before, _, told = words.rpartition("; ")
+    outcome = next((each for each in _VERSUS if told.startswith(each)), told)
+    phrase = f"{outcome} {_VERSUS.get(outcome, 'than')} {name}{told.removeprefix(outcome)}"
+    return f"{before}; {phrase}" if before else phrase
+
+
+_VERSUS = {"equivalent": "to", "tie": "with", "ahead": "of"} | dict.fromkeys(
+    ("more successes", "fewer successes", "faster", "slower", "lower error", "higher error", "better", "worse"), "than"
+)
+
+
+def _lead(found: tuple[Verdict, Mapping[str, str], bool], name: str) -> str:
+    """Returns what an entry is beside another, in words and numbers."""
     verdict, line, turned = found
     on_success = ";" not in verdict.words
     value, low, high = (
         line[name] for name in (("success (points)", "from", "to") if on_success else (COST, "cost from", "cost to"))
     )
+    words = versus(verdict.words, name)
     if not value or not low:
-        return verdict.words
+        return words
     numbers = [-float(each) if turned else float(each) for each in (value, low, high)]
     ends = sorted(numbers[1:])
     unit = "points" if on_success else line["unit"]
-    return f"{verdict.words}, {numbers[0]:+.1f} [{ends[0]:+.1f}, {ends[1]:+.1f}] {unit}"
+    return f"{words}: {numbers[0]:+.1f} [{ends[0]:+.1f}, {ends[1]:+.1f}] {unit}"
 
 
 def _advice(kept: Kept) -> list[str]:
@@ -692,14 +719,26 @@ def _advice(kept: Kept) -> list[str]:
     lines = []
     found = advised(kept)
     for task, kind, access, row, lead in found:
-        cost = next(name for name in row if name.endswith(("(s)", "(mm)")) and name != _TIME)
-        unit = cost.partition("(")[2].rstrip(")")
-        reached = f"{row['success (%)'].partition(' ')[0]} %, {row[cost].partition(' ')[0]} {unit}"
-        several = sum(each[0] == task and each[2] == access for each in found) > 1
-        lines.append([f"{task}, {kind}" if several else task, access, _named(entry_of(row)), reached, lead])
+        lines.append([_SCENES.get(f"{task}, {kind}", task), access, _named(entry_of(row)), _result(row), lead])
     if not lines:
         return []
-    return [_table(["task", "inputs", "take", "result", "vs. the next"], lines), *_off_speed()]
+    return [_table(["task", "inputs", "choose", "its result", "it is, beside the next best"], lines), *_off_speed()]
+
+
+def _result(row: Row) -> str:
+    """Returns success, and time or error, of a row of a leaderboard."""
+    cost = next(name for name in row if name.endswith(("(s)", "(mm)")) and name != _TIME)
+    unit = cost.partition("(")[2].rstrip(")")
+    return f"{row['success (%)'].partition(' ')[0]} %, {row[cost].partition(' ')[0]} {unit}"
+
+
+_SCENES = {
+    "Follow a path, smooth paths": "Follow a smooth path",
+    "Follow a path, paths with corners": "Follow a path with corners",
+    "Dock at a pose, free space": "Dock in free space",
+    "Dock at a pose, wall or parking bay": "Dock at a wall or in a bay",
+    "Dock at a pose, moving obstacles": "Dock among moving obstacles",
+}
 
 
 def _off_speed() -> Iterator[str]:
@@ -714,9 +753,9 @@ def _off_speed() -> Iterator[str]:
         for fast, slow in zip(found["0.6"], found["0.3"], strict=True)
     ]
     yield (
-        f"\nAsked for 0.3 m/s instead of the 0.6 m/s of their training, goal seekers `ppo` reach fewer goals of the "
-        f"validation split: {', '.join(parts)}. [A study](results/everywhere.md) drives laws at that speed beside "
-        "them; [their cards](results/cards.md) have other speeds, scans and actuators."
+        "\nAgents `ppo` for goals were trained at 0.6 m/s. At a target speed of 0.3 m/s they reach fewer goals of the "
+        f"validation split: {', '.join(parts)}. [This study](results/everywhere.md) compares them with controllers at "
+        "that speed. [Their cards](results/cards.md) have other speeds, scans and actuators."
     )
 
 

@@ -19,10 +19,10 @@ def drives(name: str, solved: list[bool]) -> list[flocks.Row]:
     ("ours", "theirs", "worlds", "outcome"),
     [
         (1.0, 1.0, 500, "equivalent"),
-        (1.0, 1.0, 20, "open"),  # that neither failed in few worlds does not make them alike
+        (1.0, 1.0, 20, "tie"),  # that neither failed in few worlds does not make them alike
         (0.9, 0.2, 500, "better"),
         (0.2, 0.9, 500, "worse"),
-        (0.52, 0.5, 200, "open"),
+        (0.52, 0.5, 200, "tie"),
     ],
 )
 def test_alike_is_what_is_shown_to_be_and_not_what_is_not_told_apart(
@@ -73,7 +73,7 @@ def test_what_is_advised_is_what_the_page_takes(law: str) -> None:
                 )
     page = flocks.of_page(teams, people)
     for each in flocks.team_tables(teams)[0]:
-        if kind := {"open alone": "in the open", "walls alone": "among walls"}.get(each.what):
+        if kind := {"open alone": "open field", "walls alone": "doors and rooms"}.get(each.what):
             line = next(line for line in flocks.advice(teams, people).splitlines() if f"{kind} " in line)
             assert f"| `{flocks.taken(each.agent, each.law, each.found, page, each.seeds)}` " in line
 

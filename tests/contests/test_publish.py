@@ -182,7 +182,7 @@ def test_the_losing_agents_are_told(repository: Path) -> None:
         each for each in page.splitlines() if (each.startswith("| mpc (tuned)") and "p 0" in each) or "p <" in each
     ]
     assert len(lines) == 2
-    assert all(" success; errs more" in line for line in lines)
+    assert all(" in success; higher error" in line for line in lines)
 
 
 STEMS = {"among moving obstacles": "claims/docking_p3dx", "on paths with corners": "path_following_p3dx"}

@@ -59,33 +59,37 @@ LESS, MORE_COST, TRIFLE, NONE = (-3.0, -1.0, 1e-6), (1.0, 3.0, 1e-6), (0.1, 0.4,
     [
         (line_of(BETTER, MORE_COST), "better", MORE, FEWER),  # however slow
         (line_of(WORSE, LESS), "worse", FEWER, MORE),
-        (line_of(OPEN, LESS), "better", "open success; quicker", "open success; slower"),
-        (line_of(ALIKE, MORE_COST), "worse", "equivalent success; slower", "equivalent success; quicker"),
+        (line_of(OPEN, LESS), "better", "tie in success; faster", "tie in success; slower"),
+        (line_of(ALIKE, MORE_COST), "worse", "equivalent in success; slower", "equivalent in success; faster"),
         (line_of(ALIKE, TRIFLE), "equivalent", "equivalent", "equivalent"),  # as safe, and a little slower
         # too few scenes to show that the successes are alike, whatever their interval says
-        (line_of(ALIKE, TRIFLE, limit=1.01), "open", *["open success; equivalent time"] * 2),
-        (line_of(ALIKE, OPEN), "open", *["equivalent success; open time"] * 2),
-        (line_of(OPEN, TRIFLE), "open", *["open success; equivalent time"] * 2),
-        (line_of(OPEN, OPEN), "open", "open", "open"),
-        (line_of(OPEN, NONE, "mm"), "open", "open", "open"),
+        (line_of(ALIKE, TRIFLE, limit=1.01), "tie", *["tie in success; equivalent in time"] * 2),
+        (line_of(ALIKE, OPEN), "tie", *["equivalent in success; tie in time"] * 2),
+        (line_of(OPEN, TRIFLE), "tie", *["tie in success; equivalent in time"] * 2),
+        (line_of(OPEN, OPEN), "tie", "tie", "tie"),
+        (line_of(OPEN, NONE, "mm"), "tie", "tie", "tie"),
         # a difference that correction takes away is no likeness: a time that says otherwise decides nothing
-        (line_of(BARELY, LESS), "open", *UNSURE),
-        (line_of(BARELY, TRIFLE), "open", *UNSURE),
-        (line_of((-0.9, -0.1, 0.04), TRIFLE), "open", *UNSURE),  # who fails more often is no tie, however little
-        (line_of(BARELY, MORE_COST), "worse", "open success; slower", "open success; quicker"),
-        (line_of(ALIKE, LESS, "mm"), "better", "equivalent success; errs less", "equivalent success; errs more"),
+        (line_of(BARELY, LESS), "tie", *UNSURE),
+        (line_of(BARELY, TRIFLE), "tie", *UNSURE),
+        (line_of((-0.9, -0.1, 0.04), TRIFLE), "tie", *UNSURE),  # who fails more often is no tie, however little
+        (line_of(BARELY, MORE_COST), "worse", "tie in success; slower", "tie in success; faster"),
+        (
+            line_of(ALIKE, LESS, "mm"),
+            "better",
+            *(f"equivalent in success; {x} error" for x in ("lower", "higher")),
+        ),
         (
             line_of(ALIKE, LESS, "mm", SLOW),
-            "not at one speed",
-            "equivalent success; errs less at a lower speed",
-            "equivalent success; errs more at a higher speed",
+            "at different speeds",
+            "equivalent in success; lower error at a lower speed",
+            "equivalent in success; higher error at a higher speed",
         ),
         (
             line_of(ALIKE, LESS, "mm", SLOW[::-1]),
             "better",
-            *(f"equivalent success; errs {x}" for x in ("less", "more")),
+            *(f"equivalent in success; {x} error" for x in ("lower", "higher")),
         ),
-        (line_of(ALIKE, TRIFLE, "mm", SLOW), "open", *["equivalent success; open error"] * 2),
+        (line_of(ALIKE, TRIFLE, "mm", SLOW), "tie", *["equivalent in success; tie in error"] * 2),
         (line_of(NONE, NONE), "too few scenarios", "too few scenarios", "too few scenarios"),
     ],
 )
@@ -100,7 +104,7 @@ def test_a_verdict_is_on_success_then_on_what_both_solve(
 
 
 def test_no_scene_that_one_alone_solves_is_alike_from_368_scenes_on() -> None:
-    for scenes, wanted in ((367, "open"), (368, "equivalent")):
+    for scenes, wanted in ((367, "tie"), (368, "equivalent")):
         found = difference(np.ones((scenes, 1)), np.ones((scenes, 1)), [""] * scenes, "share")
         assert verdicts.outcome(found.low, found.high, 1.0, verdicts.MARGIN, found.limit) == wanted
         assert found.limit == pytest.approx(1.0 - 0.025 ** (1.0 / scenes), rel=1e-12)
@@ -130,11 +134,11 @@ def test_scenes_that_stand_still_and_that_move_are_compared_apart() -> None:
     table = verdicts.pairs_table(Episodes(moved), COMMAND)
     apart = {
         scenes: verdicts.pairs_table(Episodes(row for row in moved if row["family"] == name), COMMAND)
-        for scenes, name in (("still", "rooms"), ("moving", "moving_crowd"))
+        for scenes, name in (("static obstacles", "rooms"), ("moving obstacles", "moving_crowd"))
     }
     for scenes, alone in apart.items():
         assert [row for row in table.rows if row[1] == scenes] == alone.rows
-    assert {row[1] for row in table.rows} == {"still", "moving"}
+    assert {row[1] for row in table.rows} == {"static obstacles", "moving obstacles"}
 
 
 def test_a_law_that_never_arrives_is_in_tables_and_charts_that_a_page_can_hold() -> None:

@@ -276,8 +276,8 @@ def check_verdicts(cells: Cells, folder: Path) -> None:
 _PS = ("p of success", "p of cost")
 _WAYS = (
     ("more successes", "fewer successes"),
-    ("quicker", "slower"),
-    ("errs less", "errs more"),
+    ("faster", "slower"),
+    ("lower error", "higher error"),
     ("at a lower", "at a higher"),
 )
 
@@ -303,19 +303,34 @@ def _check_fronts(cells: Cells, store: Kept, task: Task, said: Mapping[tuple[str
         cells.count += 1
         if row[-1] != _short(words or ""):
             cells.note(f"{PAGE}, {heading}: {line['policy']} beside {agent} is {words!r}, there {row[-1]!r}")
-    for row in re.findall(rf"^\| {heading}[ ,].*\|$", store.text(CHOOSING), re.MULTILINE):
-        where, _, best, _, lead = (cell.strip() for cell in row.strip("|").split("|"))
-        kind = where.removeprefix(heading).removeprefix(", ") or kinds[0]
-        other, _, told = lead.removeprefix("no rival; ").partition(": ")
-        words = said.get((kind, _label(best), _label(other)))
-        cells.count += 1
-        if words and told.partition(", ")[0] != words:
-            cells.note(f"{CHOOSING}, {where}: {best} beside {other} is {words!r}, there {told!r}")
+    for kind, where in _PLACES[heading.partition(" ")[0]].items():
+        if kind not in kinds:
+            continue
+        for row in re.findall(rf"^\| {where} +\|.*\|$", store.text(CHOOSING), re.MULTILINE):
+            _, _, best, _, lead = (cell.strip() for cell in row.strip("|").split("|"))
+            cells.count += 1
+            told = re.fullmatch(rf"(?:no rival; )?(.*?) (?:than|to|with) (`\w+`(?: \((?:{_GAINS})\))?)(.*): .*", lead)
+            words = said.get((kind, _label(best), _label(told[2]))) if told else None
+            if told and words != told[1] + told[3]:
+                cells.note(f"{CHOOSING}, {where}: {best} beside {told[2]} is {words!r}, there {lead!r}")
+
+
+_GAINS = "tuned|hand-tuned|paper"
+# Where the advice sends: by the first word of a task, and the kind of scenes.
+_PLACES: Mapping[str, Mapping[str, str]] = {
+    "Follow": {"smooth paths": "Follow a smooth path", "paths with corners": "Follow a path with corners"},
+    "Reach": {kind: f"Reach a goal among {kind}" for kind in ("static obstacles", "moving obstacles")},
+    "Dock": {
+        "free space": "Dock in free space",
+        "wall or parking bay": "Dock at a wall or in a bay",
+        "moving obstacles": "Dock among moving obstacles",
+    },
+}
 
 
 def _label(name: str) -> str:
-    """Returns how tables of pairs call what pages call "`policy`, gains"."""
-    policy, _, gains = name.replace("`", "").partition(", ")
+    """Returns how tables of pairs call what pages call "`policy` (gains)"."""
+    policy, _, gains = name.replace("`", "").rstrip(")").partition(" (")
     gains = gains or ("trained" if policy in TRAINED else "")
     return f"{policy} ({gains})" if gains else policy
 
@@ -326,9 +341,9 @@ def _in_columns(words: str) -> str:
 
 
 def _short(words: str) -> str:
-    """Returns what decides a verdict; "open" where success or cost is equivalent and the other one open."""
+    """Returns what decides a verdict; "tie" where success or cost is equivalent and the other one a tie."""
     told = words.rpartition("; ")[2]
-    return "open" if told.startswith(("open ", "equivalent ")) else told
+    return "tie" if told.startswith(("tie ", "equivalent ")) else told
 
 
 def _shown_verdict(page: str, line: Row) -> str:

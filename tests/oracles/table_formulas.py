@@ -188,21 +188,21 @@ def verdict(line: Mapping[str, str], p_success: float, p_cost: float) -> str:
     if side and p_success < 0.05:
         return many
     alike = not side and low >= -1.0 and max(high, float(line["exact limit (points)"])) <= 1.0
-    success = "equivalent" if alike else "open"
-    timed, cost, less = line["unit"] == "s", "open", 0
+    success = "equivalent" if alike else "tie"
+    timed, cost, less = line["unit"] == "s", "tie", 0
     speeds = [float(line[each].strip("-") or "nan") for each in ("speed (m/s)", "its speed (m/s)")]
     apart = line["asked (m/s)"] != "" and min(speeds) < 0.97 * max(speeds)
     if line["cost from"]:
         ends = float(line["cost from"]), float(line["cost to"])
         if max(map(abs, ends)) <= 0.05 * float(line["lesser cost"]):
-            cost = "open" if apart else "equivalent"
+            cost = "tie" if apart else "equivalent"
         elif p_cost < 0.05 and ends[0] * ends[1] > 0.0:
             less = 1 if ends[1] < 0.0 else -1
     if side and side != less:
         return f"{many} (not significant)"
     if not less:
-        return cost if cost == success else f"{success} success; {cost} {'time' if timed else 'error'}"
-    words = ("quicker", "slower") if timed else ("errs less", "errs more")
+        return cost if cost == success else f"{success} in success; {cost} in {'time' if timed else 'error'}"
+    words = ("faster", "slower") if timed else ("lower error", "higher error")
     best, worst = speeds[::less]
     told = f" at a {'lower' if less > 0 else 'higher'} speed" if apart and best < worst else ""
-    return f"{success} success; {words[less < 0]}{told}"
+    return f"{success} in success; {words[less < 0]}{told}"
