@@ -263,7 +263,7 @@ class Options:
         """Returns the cases in which policies are timed; of trained agents one."""
         found: dict[tuple[str, str, str], Case] = {}
         for contest in (ALL_CONTESTS[name] for name in self.contests):
-            course = self.courses[0] if self.courses else Course(contest.timed_on, self.split or "test")
+            course = self.courses[0] if self.courses else self._course(contest, contest.timed_on)
             for case in contest.cases(self.chosen_robot, course, self.entrants(contest)):
                 found[contest.name, case.policy, case.gains_name] = case
         return list(found.values())
@@ -336,15 +336,19 @@ class Options:
         """Refuses a robot for which the frozen scenarios of a contest were never searched for a way."""
         robot = self.chosen_robot
         for contest in contests if not self.courses else ():
-            if robot.hull_radius > (most := contest.spec.repertoire.largest_hull):
+            most = contest.spec.repertoire.most
+            if robot.hull_radius > most:
                 raise WrongOption(
                     f"robot {robot.name!r} has a hull of {robot.hull_radius:.3g} m; the frozen scenarios of "
-                    f"{contest.name} were searched for ways of at most {most:g} m: use --scenarios FOLDER"
+                    f"{contest.name} are for hulls of at most {most:g} m: use --scenarios FOLDER"
                 )
 
     def _frozen(self, contest: Contest, plant: str) -> list[Course]:
         """Returns the chosen split of every chosen family."""
-        return [Course(family, self.split or "test") for family in contest.families(plant, self.families)]
+        return [self._course(contest, family) for family in contest.families(plant, self.families)]
+
+    def _course(self, contest: Contest, family: str) -> Course:
+        return contest.course(family, self.split or "test", self.chosen_robot)
 
     def _where(self, own: Entrant) -> list[str]:
         """Returns the contests that a policy of the user's own can take part in.
@@ -382,7 +386,7 @@ class Options:
             return
         yield from self._settings(contest, plant, course, cases)
         if "tuned" in self.gains_names and contest.gap is not None and not course.file:
-            there = dataclasses.replace(course, split=TRANSFER_SPLIT)
+            there = contest.course(course.family, TRANSFER_SPLIT, self.chosen_robot)
             tuned = dataclasses.replace(best, gains_names=("tuned",))
             for case in contest.cases(self.chosen_robot, there, tuned):
                 # the bar of a training seed is about the whole split; of the others only a gap is shown
@@ -424,7 +428,7 @@ def try_out(contest: Contest, robot: Robot, own: Entrant, course: Course | None 
         Mismatch: if it cannot read what the contest gives, or drive the robot.
         ValueError: if it fails.
     """
-    course = course or Course(contest.timed_on, "test")
+    course = course or contest.course(contest.timed_on, "test", robot)
     (case,) = contest.cases(robot, course, Entrants((), own=(own,)))
     policy = make_policy(case, 0)
     env = make_vector(case, "kinematic", "lagged", 2)

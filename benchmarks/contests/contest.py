@@ -265,6 +265,10 @@ class Contest:
         every = members(self.spec.name) if wanted is None else (each for each in self.spec.families if each in wanted)
         return tuple(each for each in every if dynamics == "pymunk" or not self.spec.families[each].needs_pymunk)
 
+    def course(self, family: str, split: str, robot: AnyRobot) -> Course:
+        """Returns a family of a frozen split for a robot: of its hull class, where its hull asks for one."""
+        return Course(family, self.spec.repertoire.split_for(split, robot_of(robot).hull_radius))
+
     def cases(
         self, robot: AnyRobot, course: Course, entrants: Entrants, disturbance: str = "none", speed: float | None = None
     ) -> Iterator[Case]:
@@ -280,6 +284,9 @@ class Contest:
         robot = robot_of(robot)
         disturbed = {} if disturbance == "none" else {"disturbance": disturbance}
         conditions = {"robot": shipped_name(robot), **disturbed}
+        size = 1.0 if course.file else self.spec.repertoire.size_of(course.split)
+        if size != 1.0 and "max_range" in self.env_kwargs:  # so that a scene looks alike
+            conditions["max_range"] = size * self.env_kwargs["max_range"]
         asked = self.rules.speed if speed is None and self.rules else speed
         for name, gains_name, gains, entrant, beside in self._crossed(robot, entrants, asked):
             if asked is not None and gains_name not in FOUND:
@@ -295,7 +302,7 @@ class Contest:
                 name,
                 gains,
                 {**self.env_kwargs, **course.env_kwargs, **conditions},
-                course.steps or self.spec.clock,
+                course.steps or round(size * self.spec.clock),
                 gains_name=gains_name,
                 speed=speed,
                 every_scenario=True,
@@ -384,7 +391,7 @@ class Contest:
         """Returns the trained policies among names of which no agent ships for the robot, each with a line about it."""
         robot = robot_of(robot)
         given = robot.name if isinstance(shipped_name(robot), str) else f"{robot.name}.json"
-        if robot.hull_radius > (most := self.spec.repertoire.largest_hull):
+        if robot.hull_radius > (most := self.spec.repertoire.most):
             told = f"none can be trained for a hull of {robot.hull_radius:.3g} m, beyond {most:g} m"
         else:
             told = f"wayfield train {self.env_id(robot)} --robot {given} trains one"

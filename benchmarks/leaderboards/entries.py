@@ -12,11 +12,16 @@ from wayfield.benchmarks.records.episode import Episodes, Row
 from wayfield.benchmarks.statistics.aggregates import counted_interval, interval, iqm, mean
 from wayfield.benchmarks.statistics.crossed import share_interval
 from wayfield.envs.robots.disturbances import LEVELS
+from wayfield.envs.tasks.specs import LARGEST_CLASS
 
 Entry = tuple[str, str]  # policy, and the name of its gains
 Array = NDArray[np.float64]
 
-COMPARED = ("test", "claims", OWN_SPLIT, PUBLIC_SPLIT)  # the splits that entries are ranked on
+# the splits that entries are ranked on, also those of hull classes
+COMPARED = (
+    *("test", "claims", OWN_SPLIT, PUBLIC_SPLIT),
+    *(f"{split}@{k / 100:.2f}" for split in ("test", "claims") for k in range(5, round(100 * LARGEST_CLASS) + 1, 5)),
+)
 OFF_PACE = "‡"
 # the share of worlds whose score is the most that it can be, and s by which a success is later than that asks for
 OF_BARN, BARN_CEILING = ("barn_at_ceiling", "barn_late"), 0.5

@@ -97,6 +97,10 @@ def contest_tables(rows: Sequence[Row], decisions: Sequence[Row], command: str, 
         for robot, mine in (rows.where(contest=contest.name).groups("robot") if rows else {}).items():
             stem = f"{contest.stem}_{robot}"
             title = f"{contest.title}, {robot}, {mine[0]['actuators']} actuators, {mine[0]['dynamics']} plant"
+            _, at, hull = mine[0]["split"].partition("@")
+            if hull:
+                larger = contest.spec.repertoire.size_of(f"@{hull}")
+                title += f", hull class {hull} m" + (f" (scenes x {larger:.3g})" if larger != 1.0 else "")
             if ladder:
                 found[f"{stem}_ladder"] = ladder_table(contest, title, mine, command)
                 if any(mine.unique("agent_seed")):
@@ -105,7 +109,7 @@ def contest_tables(rows: Sequence[Row], decisions: Sequence[Row], command: str, 
                 continue
             tested = mine.where(split=COMPARED)
             test = Standings(contest.of_rows(tested), title, by_entry(tested), command)
-            seen = by_entry(mine.where(split=TRANSFER_SPLIT))
+            seen = by_entry(mine.where(split=f"{TRANSFER_SPLIT}{at}{hull}"))
             found[stem] = standings_table(test, seen, decisions.where(robot=robot) if decisions else decisions)
             found[f"{stem}_board"] = board_table(test, decisions.where(robot=robot) if decisions else decisions)
             found[f"{stem}_told"] = told_table(test)

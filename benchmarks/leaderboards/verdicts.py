@@ -217,7 +217,10 @@ def conditions(contest: Contest, robot: str, rows: Episodes) -> dict[str, Episod
 
 def _condition(contest: Contest, robot: str, row: Row) -> str:
     words = [contest.title, robot]
-    if row["split"] == "claims":
+    split, _, hull = row["split"].partition("@")
+    if hull:
+        words.append(f"hull class {hull} m")
+    if split == "claims":
         words.append("on the split claims")
     if row["split"] == "front":
         words.append(f"asked for {text(row['speed'])} m/s")

@@ -18,7 +18,7 @@ import numpy as np
 import rich.console
 import rich.table
 
-from wayfield.benchmarks.contests import CONTESTS, Course, Entrants
+from wayfield.benchmarks.contests import CONTESTS, Entrants
 from wayfield.benchmarks.episodes.rollout import make_policy, make_vector
 from wayfield.benchmarks.records.cases import Case
 from wayfield.benchmarks.records.episode import Episodes
@@ -141,7 +141,9 @@ def main(policies: tuple[str, ...] | None, robot: Robot, rounds: int) -> None:
     found: dict[tuple[str, str], Case] = {}  # of trained agents one
     for contest in CONTESTS.values():
         names = tuple(name for name in contest.policies if not policies or name in policies)
-        for case in contest.cases(robot, Course(contest.timed_on, "test"), Entrants(names, ("default",))):
+        for case in contest.cases(
+            robot, contest.course(contest.timed_on, "test", robot), Entrants(names, ("default",))
+        ):
             found[contest.name, case.policy] = case
     cases = list(found.values())
     if not cases:

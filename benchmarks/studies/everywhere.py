@@ -31,7 +31,7 @@ from wayfield.policies.parts.shield import Shielded
 from wayfield.policies.pilot import Pilot
 from wayfield.policies.trained.any_robot import agents_of
 from wayfield.policies.trained.ppo import shipped
-from wayfield.policies.training.drawn import robot_like, scaled
+from wayfield.policies.training.drawn import robot_like
 from wayfield.system.checks import MOST_BYTES
 from wayfield.system.command_line import OneLineErrors
 from wayfield.system.storage import write_whole
@@ -115,7 +115,7 @@ def fitted(scenario: GoalScenario, hull: float) -> GoalScenario:
     """Returns a scene for a hull (m): fitted as the splits are to a small one, scaled to a large one."""
     if hull < LARGEST_HULL:
         return scenario.fitted(LARGEST_HULL - hull)
-    return scaled(scenario, 1.02 * hull / LARGEST_HULL)
+    return scenario.scaled(1.02 * hull / LARGEST_HULL, speeds=True)
 
 
 def entries(condition: Condition) -> list[str]:

@@ -448,7 +448,8 @@ class Search:
         count = size if split == TRANSFER_SPLIT else min(self.scenarios, size)
         families = searched_families(self.contest)
         members = tuple(k * size + n for k in range(len(families)) for n in range(count))
-        courses = [Course("all", split, members=members)]
+        named = self.contest.course("all", split, self.robot).split
+        courses = [Course("all", named, members=members)]
         if self.contest.spec.name in CROWDS:  # in a batch all teams are as large
             courses = [Course(family, split, members=tuple(range(count))) for family in families]
         found = [Place(split, self.contest, self.robot, courses, self.level)]
@@ -727,7 +728,7 @@ def _check_robot(policy: str, contest: Contest, robot: Robot) -> None:
         check_robot(wayfield.policies.make(policy), robot)
     except ValueError as error:
         raise click.UsageError(str(error)) from None
-    if robot.hull_radius > (most := contest.spec.repertoire.largest_hull):
+    if robot.hull_radius > (most := contest.spec.repertoire.most):
         raise click.UsageError(
             f"--robot {robot.name!r} has a hull of {robot.hull_radius:.3g} m; the scenarios of {contest.name}, on "
             f"which gains are searched, have ways for at most {most:g} m"

@@ -68,14 +68,15 @@ def goal_scenarios(name: str, hull_radius: float) -> tuple[GoalScenario, ...]:
     return field_scenarios(_GOALS, name, hull_radius)
 
 
-def field_scenarios(spec: TaskSpec, name: str, hull_radius: float) -> tuple[Any, ...]:
+def field_scenarios(spec: TaskSpec, name: Any, hull_radius: float) -> tuple[Any, ...]:
     """Returns the scenarios of a name, of a task among obstacles: one, or the many of a random family.
 
     Args:
         name: a name of the task's presets; one of its families or "all", as it is for its training split or with
-            "/train", "/validation" or "/test" behind it; a .json file, see `field_scenario_from_file`; or for goals a
-            .scen file, the problems of a MovingAI map with cells of 1 m, or a folder: worlds of the BARN challenge, or
-            a map of MRPB with its cases. Or a scenario, `spec.scenario`, or a list of some, or of names of families.
+            "/train", "/validation" or "/test" behind it, and then "@0.45" for hulls to 0.45 m; a .json file, see
+            `field_scenario_from_file`; or for goals a .scen file, the problems of a MovingAI map with cells of 1 m, or
+            a folder: worlds of the BARN challenge, or a map of MRPB with its cases. Or a scenario, `spec.scenario`, or
+            a list of some, or of names of families.
         hull_radius: m, the robot's; it fits at every start and goal, and a random family leaves it a way.
 
     Raises:
@@ -90,10 +91,15 @@ def field_scenarios(spec: TaskSpec, name: str, hull_radius: float) -> tuple[Any,
     if isinstance(name, str) and name in spec.presets:
         return _named_field_scenarios(spec.name, name, hull_radius)
     if (frozen := _frozen_split(spec, name)) is not None:
-        most = spec.repertoire.largest_hull
+        if not isinstance(name, str):
+            return tuple(scenario for each in name for scenario in field_scenarios(spec, each, hull_radius))
+        bare, _, hull = name.partition("@")
+        most = float(hull or spec.repertoire.largest_hull)
         if hull_radius > most:
+            whole = spec.repertoire.split_for(bare if "/" in bare else f"{bare}/train", hull_radius)
+            fits = f"; its hull class is {whole!r}" if "@" in whole else ""
             raise ValueError(
-                f"hull_radius is {hull_radius:.3g}; {name!r} was searched for ways of hulls of at most {most:g} m"
+                f"hull_radius is {hull_radius:.3g}; {name!r} was searched for ways of hulls of at most {most:g} m{fits}"
             )
         return _fitted(frozen, most - hull_radius)
     if not _means_file(name):
@@ -190,13 +196,16 @@ def _frozen_split(task: TaskSpec, name: Any) -> tuple[Any, ...] | None:
     if isinstance(name, list | tuple):
         parts = [_frozen_split(task, each) for each in name]
         return None if None in parts else tuple(scenario for part in parts for scenario in part or ())
-    family, slash, part = name.partition("/") if isinstance(name, str) else ("", "", "")
+    whole, at, hull = name.partition("@") if isinstance(name, str) else ("", "", "")
+    family, slash, part = whole.partition("/")
+    if at and _has_suffix(hull):
+        return None
     if family not in families(task.name) or _has_suffix(part):
         return None
     if slash and part not in SPLITS:
         near = suggestion(part, SPLITS)
         raise ValueError(f"{family!r} has no split {shown(part)}; the splits are {', '.join(SPLITS)}.{near}")
-    return split(task.name, family, part or "train")
+    return split(task.name, family, f"{part or 'train'}{at}{hull}")
 
 
 def _means_file(name: str) -> bool:

@@ -89,6 +89,10 @@ class DockingScenario(GoalScenario):
         obstacles["y"] += shrinkage * self.closing[:, 1]
         return dataclasses.replace(self, obstacles=obstacles)
 
+    def of_class(self, hull: float) -> "DockingScenario":
+        """Returns the scenario for a larger hull (m): the gaps stay, for they are the task."""
+        return self.fitted(LARGEST_HULL - hull)
+
     def decisive(self) -> list[Any]:
         """Returns all numbers that decide an episode, in an order of their own."""
         return [*super().decisive(), self.closing]
@@ -214,13 +218,16 @@ def manoeuvre(scenario: DockingScenario) -> float:
     return round(way(scenario), 6)
 
 
-def feasible(scenario: DockingScenario) -> bool:
-    """Returns whether the largest robot has room at the start and a proven way, within 3 m and not too long."""
+def feasible(scenario: DockingScenario, hull: float = LARGEST_HULL) -> bool:
+    """Returns whether a robot has room at the start and a proven way, within 3 m and not too long; hull: m, radius.
+
+    A hull above 0.3 m need only be clear at the start: starts are not moved away from what is docked at.
+    """
     obstacles = scenario.obstacles
     return (
-        clearance(obstacles, len(obstacles), *scenario.start[:2]) >= LARGEST_HULL + ROOM
+        clearance(obstacles, len(obstacles), *scenario.start[:2]) >= hull + (ROOM if hull <= LARGEST_HULL else 0.0)
         and math.dist(scenario.start[:2], scenario.goal[:2]) <= FARTHEST_START + 1e-6
-        and way(scenario) <= _LONGEST_WAY
+        and way(scenario, hull) <= _LONGEST_WAY
     )
 
 
@@ -247,4 +254,6 @@ DOCKING_FAMILIES: Mapping[str, Family] = {
 }
 
 
-REPERTOIRE = Repertoire(DockingScenario, DOCKING_SCENARIOS, DOCKING_FAMILIES, manoeuvre, feasible, LARGEST_HULL)
+REPERTOIRE = Repertoire(
+    DockingScenario, DOCKING_SCENARIOS, DOCKING_FAMILIES, manoeuvre, feasible, LARGEST_HULL, lambda hull: 1.0
+)

@@ -416,16 +416,27 @@ def room_on_the_way(scenario: GoalScenario) -> float:
     return round(ways.clear_radius(scenario, sweeping=True) / ways.detour(scenario, LARGEST_HULL), 6)
 
 
-def feasible(scenario: GoalScenario) -> bool:
-    """Returns whether the largest robot has room at start and goal and a way past all that stands, not too long."""
-    obstacles = scenario.obstacles
-    spare = GOAL_FAMILIES[scenario.family].goal_room
+def size(hull: float) -> float:
+    """Returns how many times as large as the frozen scenes those for a hull (m) are: 1 up to 0.3 m."""
+    return max(hull / LARGEST_HULL, 1.0)
+
+
+def feasible(scenario: GoalScenario, hull: float = LARGEST_HULL) -> bool:
+    """Returns whether a robot has room at start and goal and a way past all that stands, not too long.
+
+    Args:
+        hull: m, radius. All lengths grow with it from 0.3 m on, and so does the grid of the search: what is proven for
+            a scene is proven for its hull class too, but for the last digits.
+    """
+    obstacles, factor = scenario.obstacles, size(hull)
+    spare = GOAL_FAMILIES[scenario.family].goal_room * factor - 1e-9 * (factor - 1.0)
+    least = hull - 1e-9 * (factor - 1.0)
     return (
-        clearance(obstacles, len(obstacles), *scenario.start[:2]) >= LARGEST_HULL + ROOM
-        and clearance(obstacles, len(obstacles), *scenario.goal[:2]) >= LARGEST_HULL + spare
-        and math.dist(scenario.start[:2], scenario.goal[:2]) >= 2.0
-        and ways.clear_radius(scenario) >= LARGEST_HULL
-        and ways.way_length(scenario, LARGEST_HULL) <= _LONGEST_WAY
+        clearance(obstacles, len(obstacles), *scenario.start[:2]) >= least + ROOM * factor
+        and clearance(obstacles, len(obstacles), *scenario.goal[:2]) >= hull + spare
+        and math.dist(scenario.start[:2], scenario.goal[:2]) >= 2.0 * factor - 1e-9 * (factor - 1.0)
+        and ways.clear_radius(scenario, size=factor) >= least
+        and ways.way_length(scenario, hull, size=factor) <= _LONGEST_WAY * factor
     )
 
 
@@ -469,4 +480,4 @@ GOAL_FAMILIES: Mapping[str, Family] = {
 }
 
 
-REPERTOIRE = Repertoire(GoalScenario, GOAL_SCENARIOS, GOAL_FAMILIES, room_on_the_way, feasible, LARGEST_HULL)
+REPERTOIRE = Repertoire(GoalScenario, GOAL_SCENARIOS, GOAL_FAMILIES, room_on_the_way, feasible, LARGEST_HULL, size)

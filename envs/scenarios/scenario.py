@@ -3,7 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Collection, Iterable
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -176,6 +176,30 @@ class GoalScenario:
         """Returns the scenario for a smaller hull: itself, with more room."""
         del shrinkage
         return self
+
+    def scaled(self, factor: float, speeds: bool = False) -> Self:
+        """Returns the scenario with all places and sizes multiplied; tolerances stay, in m.
+
+        Args:
+            speeds: whether moving obstacles are as many times as fast; else they keep their speeds and their patrols
+                take as many times as long.
+        """
+        obstacles = self.obstacles.copy()
+        for name in ("x", "y", "half_length", "half_width", "radius"):
+            obstacles[name] *= factor
+        for name in ("x", "y", *(("vx", "vy") if speeds else ("leg_time", "phase"))):
+            obstacles["patrol"][name] *= factor
+        (x, y, heading), (u, v, there) = self.start, self.goal
+        return dataclasses.replace(
+            self,
+            start=(factor * x, factor * y, heading),
+            goal=(factor * u, factor * v, there),
+            obstacles=obstacles,
+        )
+
+    def of_class(self, hull: float) -> Self:
+        """Returns the scenario of a family for a larger hull (m) than the one of 0.3 m that it was made for."""
+        return self.scaled(hull / 0.3)
 
     def decisive(self) -> list[Any]:
         """Returns all numbers that decide an episode, in an order of their own."""

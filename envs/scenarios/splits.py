@@ -6,7 +6,9 @@ frozen, so that a table made with a split is about the same scenarios everywhere
 
 import functools
 import hashlib
+import itertools
 import json
+import math
 import pathlib
 from collections.abc import Iterable
 from typing import Any
@@ -14,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from wayfield.envs.scenarios.scenario import GoalScenario, PathScenario
-from wayfield.envs.tasks.specs import EVERY, TASKS
+from wayfield.envs.tasks.specs import CLASS_STEP, EVERY, LARGEST_CLASS, TASKS
 from wayfield.system.checks import LAST_SEED, shown, suggestion
 from wayfield.system.readers import reader
 
@@ -30,21 +32,66 @@ def split(task: str, family: str, name: str) -> tuple[Any, ...]:
         task: a name of TASKS.
         family: a name of its families; or "all", those of the newest version of it (`members`) one after the other,
             but for those that need pymunk; or "all_1", those of version 1.
-        name: "train", "validation", "test" or "claims".
+        name: "train", "validation", "test" or "claims"; with "@0.45" behind it, for the hull class 0.45 m.
 
     Raises:
         ValueError: if a name is unknown, or the file is damaged, or the scenarios are not those that were frozen.
     """
+    name, at, hull = name.partition("@") if isinstance(name, str) else (name, "", "")
     for what, value, known in (("task", task, EVERY), ("family", family, families(task)), ("split", name, SPLITS)):
         if value not in known:
             raise ValueError(
                 f"{what} is {shown(value)}; it must be one of {', '.join(known)}.{suggestion(value, known)}"
             )
+    if at:
+        _check_class(task, family, name, hull)
     if family not in EVERY[task].families:
         version = int(family.removeprefix("all_")) if family != "all" else None
         every = (each for each in members(task, version) if not EVERY[task].families[each].needs_pymunk)
-        return tuple(scenario for each in every for scenario in split(task, each, name))
+        return tuple(scenario for each in every for scenario in split(task, each, f"{name}{at}{hull}"))
+    if at:
+        return _of_class(task, family, name, float(hull))
     return _split(file_of(task, name), task, family, name)
+
+
+def _check_class(task: str, family: str, name: str, text: str) -> None:
+    """Raises ValueError if a text names no hull class, or a family has none."""
+    spec = EVERY[task]
+    if spec.repertoire.size is None or (family in spec.families and spec.families[family].needs_pymunk):
+        raise ValueError(
+            f"{family}/{name} has no hull classes, got {shown('@' + text)}; only goals (but push_boxes) and docks have"
+        )
+    least = round(spec.repertoire.largest_hull + CLASS_STEP, 2)
+    try:
+        hull = float(text)
+    except ValueError:
+        hull = math.nan
+    if not (least <= hull <= LARGEST_CLASS and spec.repertoire.hull_class(hull) == hull):
+        raise ValueError(
+            f"class {shown('@' + text)} must be @{least:.2f} to @{LARGEST_CLASS:.2f}, in steps of {CLASS_STEP:g} m; "
+            f"hulls of at most {spec.repertoire.largest_hull:g} m have none: type {family}/{name}"
+        )
+
+
+@functools.lru_cache
+def _of_class(task: str, family: str, name: str, hull: float) -> tuple[Any, ...]:
+    """Returns a family's frozen split for a hull class (m).
+
+    Scenes that are scaled keep their proofs. A dock without a way for the hull is replaced by the next seed that has
+    one.
+    """
+    spec, frozen, result = EVERY[task], split(task, family, name), list[Any]()
+    seeds = itertools.count(int(frozen[-1].name.rpartition("_")[2]) + 1)
+    similar = spec.repertoire.size_of(f"@{hull}") != 1.0
+    for scenario in frozen:
+        made = scenario.of_class(hull)
+        while not similar and not spec.feasible(made, hull):
+            other = spec.families[family].make(next(seeds))
+            if spec.feasible(other):
+                quantity = spec.quantity(other)
+                made = _with_tier(other, quantity, spec.tier(quantity)).of_class(hull)
+        result.append(made)
+    return tuple(result)
 
 
 def file_of(task: str, name: str) -> pathlib.Path:

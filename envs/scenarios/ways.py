@@ -37,24 +37,28 @@ class Grid(NamedTuple):
     step: float  # m, between nodes
 
 
-def clear_radius(scenario: GoalScenario, sweeping: bool = False) -> float:
-    """Returns the radius (m) of the largest disc that has a way from start to goal: proven, and at most 1.
+def clear_radius(scenario: GoalScenario, sweeping: bool = False, size: float = 1.0) -> float:
+    """Returns the radius (m) of the largest disc that has a way from start to goal: proven, and at most 1 x size.
 
     Not above 0 when there is none.
 
     Args:
         scenario: its moving obstacles are left out, unless
         sweeping: takes them to be everywhere on their patrols at once.
+        size: multiplies the step of the grid and what it goes beyond all that stands.
     """
     taken = taken_up(scenario, sweeping)
     ends = np.array([scenario.start[:2], scenario.goal[:2]])
     at_ends = [clearance(taken, len(taken), x, y) for x, y in ends.tolist()]
     if scenario.grid is not None:
         at_ends = np.minimum(at_ends, scenario.grid.clearances(ends)).tolist()
-    return float(_clear_radius(_grid(scenario, sweeping and bool(scenario.moving.any())), ends, np.array(at_ends)))
+    grid = _grid(scenario, sweeping and bool(scenario.moving.any()), size)
+    return float(_clear_radius(grid, ends, np.array(at_ends), _WIDEST * size))
 
 
-def way_length(scenario: GoalScenario, hull_radius: float, start: tuple[float, float] | None = None) -> float:
+def way_length(
+    scenario: GoalScenario, hull_radius: float, start: tuple[float, float] | None = None, size: float = 1.0
+) -> float:
     """Returns the length (m) of the shortest way of a disc to the goal, past what stands; inf when there is none.
 
     By the eikonal equation on the grid (Sethian, PNAS 1996), at most some per cent long.
@@ -63,9 +67,10 @@ def way_length(scenario: GoalScenario, hull_radius: float, start: tuple[float, f
         scenario: its moving obstacles are left out.
         hull_radius: m, of the disc.
         start: x, y (m) instead of the scenario's.
+        size: as of `clear_radius`.
     """
     x, y = start or scenario.start[:2]
-    return float(_way_length(_grid(scenario, False), x, y, *scenario.goal[:2], hull_radius))
+    return float(_way_length(_grid(scenario, False, size), x, y, *scenario.goal[:2], hull_radius))
 
 
 def detour(scenario: GoalScenario, hull_radius: float) -> float:
@@ -106,13 +111,14 @@ def taken_up(scenario: GoalScenario, sweeping: bool) -> NDArray[np.void]:
 
 
 @functools.lru_cache(maxsize=2)  # one scenario is asked several things
-def _grid(scenario: GoalScenario, sweeping: bool) -> Grid:
+def _grid(scenario: GoalScenario, sweeping: bool, size: float = 1.0) -> Grid:
     """Returns the nodes over obstacles, start and goal."""
     taken = taken_up(scenario, sweeping)
     ends = np.array([scenario.start[:2], scenario.goal[:2]])
     if scenario.grid is None:
-        x, y, nx, ny = grid_over(taken, ends, _AROUND, STEP)
-        return Grid(clearances(taken, x, y, STEP, nx, ny).ravel(), nx, ny, x, y, STEP)
+        step = STEP * size
+        x, y, nx, ny = grid_over(taken, ends, _AROUND * size, step)
+        return Grid(clearances(taken, x, y, step, nx, ny).ravel(), nx, ny, x, y, step)
     ends = np.vstack([ends, scenario.grid.corners])
     x, y, nx, ny = grid_over(taken, ends, _AROUND, STEP)
     step = STEP * max(1.0, math.sqrt(nx * ny / MOST_NODES))
@@ -153,9 +159,9 @@ def clearances(obstacles, x, y, step, nx, ny):
 
 
 @compiled
-def _clear_radius(grid, ends, at_ends):
+def _clear_radius(grid, ends, at_ends, widest):
     """Returns the largest radius for which the fill passes, by bisection."""
-    high = min(_WIDEST, at_ends[0], at_ends[1])
+    high = min(widest, at_ends[0], at_ends[1])
     if _passes(grid, ends, at_ends, high):
         return high
     low = 0.0

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from wayfield.envs.robots import Robot
 
 TIERS = ("easy", "medium", "hard")
+CLASS_STEP = 0.05  # m, between hull classes
+LARGEST_CLASS = 1.0  # m
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,8 +54,31 @@ class Repertoire:
     presets: Mapping[str, Callable[..., Any]]  # scenarios by name, besides the families
     families: Mapping[str, Family]
     quantity: Callable[[Any], float]  # what a scenario's tier is read from
-    feasible: Callable[[Any], bool]  # whether the largest robot can do a scenario
+    feasible: Callable[..., bool]  # whether a robot can do a scenario: the largest, or one of a hull (m) that is given
     largest_hull: float = math.inf  # m, radius, that the families were searched for ways of
+    # how many times as large the scenes of a hull class (m) are; None: the families have no classes
+    size: Callable[[float], float] | None = None
+
+    def hull_class(self, hull_radius: float) -> float:
+        """Returns the class (m) whose scenes a hull drives, rounded up to 0.05 m; 0: the frozen scenes, or none."""
+        if self.size is None or not self.largest_hull < hull_radius <= LARGEST_CLASS:
+            return 0.0
+        return round(math.ceil(round(hull_radius / CLASS_STEP, 9)) * CLASS_STEP, 2)
+
+    @property
+    def most(self) -> float:
+        """Returns the largest hull (m) that the families have scenes for."""
+        return self.largest_hull if self.size is None else LARGEST_CLASS
+
+    def split_for(self, split: str, hull_radius: float) -> str:
+        """Returns the name of a split with the class of a hull behind it, as in "test@0.45"."""
+        hull = self.hull_class(hull_radius)
+        return f"{split}@{hull:.2f}" if hull else split
+
+    def size_of(self, split: str) -> float:
+        """Returns how many times as large the scenes of a split's name are."""
+        hull = split.partition("@")[2]
+        return self.size(float(hull)) if hull and self.size else 1.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -106,9 +131,9 @@ class TaskSpec:
         """Returns what a scenario's tier is read from."""
         return self.repertoire.quantity(scenario)
 
-    def feasible(self, scenario: Any) -> bool:
-        """Returns whether the largest robot can do a scenario."""
-        return self.repertoire.feasible(scenario)
+    def feasible(self, scenario: Any, *hull: float) -> bool:
+        """Returns whether the largest robot can do a scenario, or one of the hull (m) that is given."""
+        return self.repertoire.feasible(scenario, *hull)
 
     def env_id(self, robot: "Robot") -> str:
         """Returns the registered id of the task for a robot."""

@@ -47,7 +47,9 @@ def further(task: str, family: str, hull_radius: float, count: int) -> tuple[Any
         seed += 1
         scenario = spec.families[family].make(seed)
         if spec.feasible(scenario):
-            result.append(scenario.fitted(LARGEST_HULL - hull_radius))
+            hull = spec.repertoire.hull_class(hull_radius)
+            made = scenario.of_class(hull) if hull else scenario
+            result.append(made.fitted((hull or LARGEST_HULL) - hull_radius))
     return tuple(result)
 
 
@@ -165,22 +167,6 @@ def scenes(hull: float, k: int) -> tuple[GoalScenario, ...]:
         bank = field_scenarios(task, f"{family}/train", min(hull, LARGEST_HULL))
         count = EACH * (3 if family in THRICE else 2 if family in TWICE else 1)
         result += [bank[(k * count + j) % len(bank)] for j in range(count)]
-    return tuple(scaled(each, max(hull / LARGEST_HULL, 1.0)) for each in result)
-
-
-def scaled(scenario: GoalScenario, factor: float) -> GoalScenario:
-    """Returns a scenario with all places, sizes and speeds of movers multiplied; the goal's tolerance stays."""
-    if factor == 1.0:
-        return scenario
-    obstacles = scenario.obstacles.copy()
-    for name in ("x", "y", "half_length", "half_width", "radius"):
-        obstacles[name] *= factor
-    for name in ("x", "y", "vx", "vy"):
-        obstacles["patrol"][name] *= factor
-    (x, y, heading), (u, v, there) = scenario.start, scenario.goal
-    return dataclasses.replace(
-        scenario,
-        start=(factor * x, factor * y, heading),
-        goal=(factor * u, factor * v, there),
-        obstacles=obstacles,
-    )
+    if hull <= LARGEST_HULL:
+        return tuple(result)
+    return tuple(each.scaled(hull / LARGEST_HULL, speeds=True) for each in result)

@@ -348,7 +348,7 @@ def agent_to_begin_as(preset: Preset, seed: int) -> Agent:
 
 def make_worlds(preset: Preset, env_id: str) -> Shaped:
     """Returns the worlds of a preset, shaped for its learner."""
-    here, limit = preset.worlds, {"max_episode_steps": preset.worlds.time_limit}
+    here, limit = preset.worlds, {"max_episode_steps": round(preset.worlds.size * preset.worlds.time_limit)}
     any_robot = isinstance(preset.features, SheetFeatures)
     parts = [(count, {**limit, **_with_further(here, kwargs)}) for count, kwargs, _ in preset.parts]
     worlds = NativeVecEnv(env_id, parts, any_robot)

@@ -106,7 +106,7 @@ class Worlds(Gains):
 
     def _check_robot(self, robot: Robot) -> None:
         """Raises ValueError, naming the field of the data sheet, unless the scenarios and features fit a robot."""
-        scan, most = robot.sensors, EVERY[self.task].repertoire.largest_hull
+        scan, most = robot.sensors, EVERY[self.task].repertoire.most
         if robot.hull_radius > most:
             raise ValueError(
                 f"robot {robot.name!r} has a hull of {robot.hull_radius:.3g} m; the training scenarios of {self.task} "
@@ -117,6 +117,20 @@ class Worlds(Gains):
                 f"robot {robot.name!r} has sensors.angle {scan.angle!r} rad; agents of {self.task} see a scan over the "
                 f"full circle, {FULL_TURN!r} rad"
             )
+
+    @property
+    def size(self) -> float:
+        """Returns how many times as large as the frozen scenes those of the robot's hull class are."""
+        return EVERY[self.task].repertoire.size_of(self.of_class("train"))
+
+    def of_class(self, scenario: Any) -> Any:
+        """Returns the name of frozen scenes with the robot's hull class behind it; what else there is, as it is."""
+        task = EVERY[self.task]
+        if self.robot is None or not isinstance(scenario, str) or "@" in scenario or scenario in task.presets:
+            return scenario
+        named = scenario if "/" in scenario or scenario == "train" else f"{scenario}/train"
+        classed = task.repertoire.split_for(named, robot_of(self.robot).hull_radius)
+        return scenario if classed == named else classed
 
     @property
     def sheet(self) -> dict[str, str]:
@@ -305,7 +319,8 @@ class Preset(Gains):
         else:
             points = self.features.num_preview
             seen = {"num_preview": points} if points > path_following.Params.num_preview else {}
-        return {**robot, **kwargs, **seen}
+        classed = {"scenario": self.worlds.of_class(kwargs["scenario"])} if "scenario" in kwargs else {}
+        return {**robot, **kwargs, **classed, **seen}
 
     @property
     def gains(self) -> dict[str, Any]:
@@ -782,6 +797,10 @@ def overridden(preset: Preset, settings: Iterable[str]) -> Preset:
             features, robot = changes.get("features", preset.features), robot_of(changes["robot"])
             if features == preset.features and hasattr(features, "hull_radius"):
                 changes["features"] = dataclasses.replace(features, hull_radius=robot.hull_radius)
+                if isinstance(features, GoalFeatures):
+                    repertoire = EVERY[preset.worlds.task].repertoire
+                    size = repertoire.size_of(repertoire.split_for("train", robot.hull_radius))
+                    changes["features"] = dataclasses.replace(changes["features"], max_range=size * features.max_range)
         # all at once: one may be right only beside another
         return preset.changed(**changes)
     except OSError as error:

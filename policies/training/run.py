@@ -225,7 +225,7 @@ class _Run:
         self.cruises: dict[str, Any] = {}  # of the best
         self.kwargs = preset.env_kwargs(preset.worlds.validation)
         self.further = [(speed, preset.env_kwargs(kwargs)) for speed, kwargs in preset.worlds.conditions]
-        self.clock = EVERY[preset.worlds.task].clock
+        self.clock = round(preset.worlds.size * EVERY[preset.worlds.task].clock)
         self._begun: _Begun | None = None
         self._beside = concurrent.futures.ThreadPoolExecutor(1)
         # patience decides by what was found, and SAC's replay buffer is too large to be copied

@@ -14,7 +14,7 @@ from wayfield.envs.scenarios import TASKS, field_scenarios
 from wayfield.envs.scenarios.goal_families import LARGEST_HULL
 from wayfield.policies import Pilot, Policy, Shielded, make
 from wayfield.policies.parts.shield import LEAST_VIEW, Shield
-from wayfield.policies.training.drawn import robot_like, scaled
+from wayfield.policies.training.drawn import robot_like
 
 FAMILIES = ("clutter_10", "clutter_15", "corridors", "doors_narrow", "rooms", "u_traps_15")
 THICK = 0.05  # m, half of a wall's thickness
@@ -106,7 +106,7 @@ def counted(policy: Any, seed: int, settings: int, num_envs: int, steps: int) ->
         robot, kwargs, speed = drawn(rng)
         hull = robot.hull_radius
         bank = field_scenarios(TASKS["goal_reaching"], family, min(hull, LARGEST_HULL))[:num_envs]
-        scenarios = [scaled(thick(each), max(hull / LARGEST_HULL, 1.0)) for each in bank]
+        scenarios = [thick(each).scaled(max(hull / LARGEST_HULL, 1.0), speeds=True) for each in bank]
         hits += collisions(policy(Reckless(speed, 1000 * seed + k)), robot, scenarios, num_envs, steps, **kwargs)
     return hits
 

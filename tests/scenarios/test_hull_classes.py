@@ -1,0 +1,69 @@
+"""Hull classes: the frozen scenes for hulls above 0.3 m."""
+
+import gymnasium
+import numpy as np
+import pytest
+
+from wayfield.envs.robots import ROBOTS
+from wayfield.envs.scenarios import TASKS, field_scenarios, split
+from wayfield.envs.scenarios.splits import digest
+
+# (goals, docks) of all/test, by class; docks without a way for the hull are other ones from 0.5 m on
+PINNED = {
+    "0.35": ("0ad6f7a5b0ae2a4a", "35f4eb3700eba45c"),
+    "0.50": ("29d86c053db06478", "b116d44b42daf93b"),
+    "0.70": ("b5d2fb1e202eda8a", "3dc0cd9dfd6990cf"),
+}
+# the widths of ways that were nearest to the hull, and what moves
+TIGHT = ("near_goal", "doors_narrow", "corridors", "moving_head_on")
+
+
+@pytest.mark.parametrize("name", PINNED)
+def test_a_class_is_pinned_and_proven_for_its_hull(name: str) -> None:
+    found = [split(task, "all", f"test@{name}") for task in ("goal_reaching", "docking")]
+    assert tuple(digest(each)[:16] for each in found) == PINNED[name]
+    goals, docks = (TASKS[task] for task in ("goal_reaching", "docking"))
+    hull = float(name)
+    assert all(docks.feasible(each, hull) for each in found[1])
+    for family in TIGHT:
+        assert all(goals.feasible(each, hull) for each in split("goal_reaching", family, f"test@{name}")[::4])
+
+
+def test_movers_keep_their_speed_and_docks_their_gaps() -> None:
+    frozen, larger = (split("goal_reaching", "moving_crowd", name)[0] for name in ("test", "test@0.60"))
+    for name, factor in {"vx": 1.0, "vy": 1.0, "x": 2.0, "leg_time": 2.0, "phase": 2.0}.items():
+        np.testing.assert_allclose(
+            larger.obstacles["patrol"][name], factor * frozen.obstacles["patrol"][name], rtol=1e-12
+        )
+    assert larger.position_tolerance == frozen.position_tolerance
+    for a, b in zip(split("docking", "berth", "test"), split("docking", "berth", "test@0.60"), strict=True):
+        moved = np.hypot(b.obstacles["x"] - a.obstacles["x"], b.obstacles["y"] - a.obstacles["y"])
+        np.testing.assert_allclose(moved, 0.3 * np.hypot(*a.closing.T), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("task", "name", "hull", "message"),
+    [
+        ("goal_reaching", "all/test@0.30", 0.3, "must be @0.35 to @1.00.*all/test$"),
+        ("goal_reaching", "all/test@abc", 0.4, "must be @0.35 to @1.00"),
+        ("docking", "all/test@11", 0.4, "must be @0.35 to @1.00"),
+        ("goal_reaching", "all/test@nan", 0.4, "must be @0.35 to @1.00"),
+        ("goal_reaching", "all/test", 0.43, "its hull class is 'all/test@0.45'$"),
+        ("goal_reaching", "rooms@0.45", 0.46, "its hull class is 'rooms/train@0.50'$"),
+        ("goal_reaching", "push_boxes/test@0.45", 0.45, "has no hull classes"),
+        ("teams", "all/test@0.45", 0.45, "has no hull classes"),
+    ],
+)
+def test_what_is_no_class_is_refused_in_a_line(task: str, name: str, hull: float, message: str) -> None:
+    with pytest.raises(ValueError, match=message) as refused:
+        field_scenarios(TASKS[task], name, hull) if task in TASKS else split(task, *name.split("/"))
+    assert "\n" not in str(refused.value)
+
+
+def test_robots_of_a_class_drive_the_same_scenes_and_small_ones_may() -> None:
+    same = [field_scenarios(TASKS["goal_reaching"], "rooms/test@0.45", hull) for hull in (0.43, 0.45)]
+    assert digest(same[0]) == digest(same[1])
+    env = gymnasium.make(
+        "wayfield/DiffDriveGoalObstacles-v0", robot=ROBOTS["p3dx"], scenario="rooms/test@0.45", num_beams=8
+    )
+    env.reset(seed=1)
