@@ -134,7 +134,7 @@ def generated() -> str:
     header += ["mass (kg), inertia (kg m²), friction", "scan"]
     note = (
         "The most is at rated wheel speed, each alone. No scan: 32 beams round, 5 m, as the documents'. A robot whose "
-        "hull is larger than 0.3 m has no frozen families of goal reaching: they were searched for ways of 0.3 m."
+        "hull is larger than 0.3 m drives the frozen families of its hull class."
     )
     table = Table("Robots that ship", header, [_row(robot) for robot in ROBOTS.values()], note).markdown()
     parts = [f"![Every robot to scale]({DRAWING})\n", table, "## Sources\n"]

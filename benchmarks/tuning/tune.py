@@ -201,7 +201,8 @@ class Search:
 
     def _drawn_rooms(self, folder: Path) -> dict[str, Sequence[Course]]:
         """Returns the rooms of search and choice, written below a folder; none for contests that are not held there."""
-        if not self.contest.in_rooms:
+        # rooms are drawn for hulls of the frozen scenes
+        if not self.contest.in_rooms or self.contest.spec.repertoire.hull_class(self.robot.hull_radius):
             return {}
         counts = {SEARCH_SPLIT: self.scenarios, TRANSFER_SPLIT: VALIDATION_ROOMS}
         return {split: searched_rooms(folder, split, count) for split, count in counts.items()}

@@ -26,8 +26,8 @@ SHEET = {
     "friction": 0.7,
     "rated_wheel_speed": 15.0,
 }
-LARGE = {"hull": {"radius": 0.36}}
-BOX = {"hull": {"kind": "box", "length": 0.55, "width": 0.46}}
+LARGE = {"hull": {"radius": 1.02}}
+BOX = {"hull": {"kind": "box", "length": 1.6, "width": 1.3}}
 PARTIAL = {"sensors": {"beams": 72, "range": 5.0, "angle": 1.5 * math.pi}}
 PATH = "wayfield/DiffDrivePathFollowing-v0"
 THERE = ", ".join(each for each in ROBOTS if each in ("p3dx", "omni3", "omni4"))  # of goal seekers
@@ -57,16 +57,16 @@ def test_gains_are_not_searched_for_a_hull_that_the_scenarios_have_no_way_for(
     tune = pytest.importorskip("wayfield.benchmarks.tuning.tune")
     out = tmp_path / "gains.json"
     line = refused(tune.main, [policy, "--suite", suite, "--robot", cart(tmp_path, **fields), "--out", str(out)])
-    assert "'cart' has a hull of 0.36 m" in line.replace("0.359", "0.36")
-    assert "at most 0.3 m" in line
+    assert "'cart' has a hull of 1.0" in line
+    assert "at most 1 m" in line
     assert not out.exists()
 
 
 @pytest.mark.parametrize(
     ("env_id", "fields", "said"),
     [
-        (GOAL, LARGE, "'cart' has a hull of 0.36 m; .* at most 0.3 m"),
-        (DOCK, BOX, "'cart' has a hull of 0.359 m; .* at most 0.3 m"),
+        (GOAL, LARGE, "'cart' has a hull of 1.02 m; .* at most 1 m"),
+        (DOCK, BOX, "'cart' has a hull of 1.03 m; .* at most 1 m"),
         (GOAL, PARTIAL, "'cart' has sensors.angle 4.71.* rad; .* the full circle, 6.28"),
         (DOCK, PARTIAL, "'cart' has sensors.angle 4.71.* rad; .* the full circle, 6.28"),
         ("wayfield/DiffDrivePathFollowing-v0", {}, "controller_gains=default takes the controller's own"),
