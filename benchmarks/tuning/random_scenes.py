@@ -85,9 +85,20 @@ def room(rng: np.random.Generator, shares: tuple[float, float] = SHARES) -> tupl
 
 
 def write_rooms(
-    folder: Path, count: int, seed: int, shares: tuple[float, float] = SHARES, steps: int = STEPS
+    folder: Path,
+    count: int,
+    seed: int,
+    shares: tuple[float, float] = SHARES,
+    steps: int = STEPS,
+    size: float = 1.0,
+    seen: Mapping[str, Any] | None = None,
 ) -> list[Course]:
-    """Writes so many rooms, each as a map of MRPB with its cases; returns a course each, with that clock."""
+    """Writes so many rooms, each as a map of MRPB with its cases; returns a course each, with that clock.
+
+    Args:
+        size: multiplies all lengths, and the clock.
+        seen: keyword arguments of the environments there.
+    """
     rng = np.random.default_rng(seed)
     courses = []
     for k in range(count):
@@ -98,17 +109,21 @@ def write_rooms(
         image = np.where(occupied, 0, 254).astype(np.uint8)[::-1]
         header = f"P5 {image.shape[1]} {image.shape[0]} 255\n".encode()
         (home / "map.pgm").write_bytes(header + image.tobytes())
-        text = f"image: map.pgm\nresolution: {CELL}\norigin: [0, 0, 0]\nnegate: 0\n"
+        text = f"image: map.pgm\nresolution: {CELL * size}\norigin: [0, 0, 0]\nnegate: 0\n"
         (home / MAP).write_text(text + "occupied_thresh: 0.65\nfree_thresh: 0.196\n", encoding="utf-8")
-        lines = [",".join(f"{value:.4f}" for value in case) for case in cases]
+        places = np.array(cases) * [size, size, 1.0, size, size, 1.0]
+        lines = [",".join(f"{value:.4f}" for value in case) for case in places.tolist()]
         (home / CASES).write_text("\n".join([",".join(COLUMNS), *lines, ""]), encoding="utf-8")
-        courses.append(Course(home.name, PUBLIC_SPLIT, str(home), steps, members=tuple(range(PAIRS))))
+        clock = round(size * steps)
+        courses.append(Course(home.name, PUBLIC_SPLIT, str(home), clock, seen or {}, tuple(range(PAIRS))))
     return courses
 
 
-def searched_rooms(folder: Path, split: str, count: int) -> list[Course]:
-    """Writes so many rooms of those in which gains are searched, or chosen; returns a course each."""
-    return write_rooms(folder / split, count, SEEDS[split], SEARCHED_SHARES, SEARCHED_STEPS)
+def searched_rooms(
+    folder: Path, split: str, count: int, size: float = 1.0, seen: Mapping[str, Any] | None = None
+) -> list[Course]:
+    """Writes so many rooms of those in which gains are searched, or chosen: see `write_rooms`."""
+    return write_rooms(folder / split, count, SEEDS[split], SEARCHED_SHARES, SEARCHED_STEPS, size, seen)
 
 
 def in_rooms(contest: Contest, robot: Robot, rooms: Sequence[Course], level: str = "none") -> Iterator[Place]:

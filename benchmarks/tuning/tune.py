@@ -201,11 +201,16 @@ class Search:
 
     def _drawn_rooms(self, folder: Path) -> dict[str, Sequence[Course]]:
         """Returns the rooms of search and choice, written below a folder; none for contests that are not held there."""
-        # rooms are drawn for hulls of the frozen scenes
-        if not self.contest.in_rooms or self.contest.spec.repertoire.hull_class(self.robot.hull_radius):
+        if not self.contest.in_rooms:
             return {}
-        counts = {SEARCH_SPLIT: self.scenarios, TRANSFER_SPLIT: VALIDATION_ROOMS}
-        return {split: searched_rooms(folder, split, count) for split, count in counts.items()}
+        counts, size = {SEARCH_SPLIT: self.scenarios, TRANSFER_SPLIT: VALIDATION_ROOMS}, self._size
+        seen = {"max_range": size * self.contest.env_kwargs["max_range"]} if size != 1.0 else {}
+        return {split: searched_rooms(folder, split, count, size, seen) for split, count in counts.items()}
+
+    @property
+    def _size(self) -> float:
+        """Returns how many times as large as the frozen scenes those of the robot's hull class are."""
+        return self.contest.spec.repertoire.size_for(self.robot.hull_radius)
 
     def _run(self, executor: Executor) -> dict[str, Any]:
         found, frames = self._searched(executor)
@@ -426,6 +431,7 @@ class Search:
         places, won, costs = {}, {}, {}
         levels: dict[str, tuple[list[Row], list[Any]]] = {}
         cost, slowest = self.contest.cost, least or {}
+        lost = self._size * cost.failure  # larger scenes take longer
         for place in self.places(split):
             here = [row for _ in self.settings(place, gains) for row in next(driven)]
             there = self._scenarios(place)
@@ -435,7 +441,7 @@ class Search:
             places[place.name] = self.contest.score(Episodes(here), there, self.speed, slowest.get(place.level, 0.0))
             families = [each.family or row["family"] for each, row in zip(there, here, strict=True)]
             won[place.name] = families, [row["success"] == 1.0 for row in here]
-            costs[place.name] = [row[cost.metric] if row["success"] == 1.0 else cost.failure for row in here]
+            costs[place.name] = [row[cost.metric] if row["success"] == 1.0 else lost for row in here]
         scores = {
             level: self.contest.score(Episodes(rows), scenarios, self.speed, slowest.get(level, 0.0))
             for level, (rows, scenarios) in levels.items()

@@ -75,6 +75,10 @@ class Repertoire:
         hull = self.hull_class(hull_radius)
         return f"{split}@{hull:.2f}" if hull else split
 
+    def size_for(self, hull_radius: float) -> float:
+        """Returns how many times as large the scenes that a hull (m) drives are."""
+        return self.size_of(self.split_for("", hull_radius))
+
     def size_of(self, split: str) -> float:
         """Returns how many times as large the scenes of a split's name are."""
         hull = split.partition("@")[2]

@@ -798,8 +798,7 @@ def overridden(preset: Preset, settings: Iterable[str]) -> Preset:
             if features == preset.features and hasattr(features, "hull_radius"):
                 changes["features"] = dataclasses.replace(features, hull_radius=robot.hull_radius)
                 if isinstance(features, GoalFeatures):
-                    repertoire = EVERY[preset.worlds.task].repertoire
-                    size = repertoire.size_of(repertoire.split_for("train", robot.hull_radius))
+                    size = EVERY[preset.worlds.task].repertoire.size_for(robot.hull_radius)
                     changes["features"] = dataclasses.replace(changes["features"], max_range=size * features.max_range)
         # all at once: one may be right only beside another
         return preset.changed(**changes)
