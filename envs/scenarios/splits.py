@@ -57,19 +57,23 @@ def split(task: str, family: str, name: str) -> tuple[Any, ...]:
 def _check_class(task: str, family: str, name: str, text: str) -> None:
     """Raises ValueError if a text names no hull class, or a family has none."""
     spec = EVERY[task]
+    largest = spec.repertoire.largest_hull
     if spec.repertoire.size is None or (family in spec.families and spec.families[family].needs_pymunk):
+        hulls = f"hulls of at most {largest:g} m" if largest < math.inf else "every hull"
         raise ValueError(
-            f"{family}/{name} has no hull classes, got {shown('@' + text)}; only goals (but push_boxes) and docks have"
+            f"{family}/{name} has no hull class {shown('@' + text)}: its scenarios are for {hulls}; goals have "
+            "classes, but for push_boxes, and docks"
         )
-    least = round(spec.repertoire.largest_hull + CLASS_STEP, 2)
+    least = round(largest + CLASS_STEP, 2)
     try:
         hull = float(text)
     except ValueError:
         hull = math.nan
-    if not (least <= hull <= LARGEST_CLASS and spec.repertoire.hull_class(hull) == hull):
+    written = text in (f"{hull:.2f}", f"{hull:g}")
+    if not (written and least <= hull <= LARGEST_CLASS and spec.repertoire.hull_class(hull) == hull):
         raise ValueError(
             f"class {shown('@' + text)} must be @{least:.2f} to @{LARGEST_CLASS:.2f}, in steps of {CLASS_STEP:g} m; "
-            f"hulls of at most {spec.repertoire.largest_hull:g} m have none: type {family}/{name}"
+            f"hulls of at most {largest:g} m have none: type {family}/{name}"
         )
 
 

@@ -48,10 +48,11 @@ def test_movers_keep_their_speed_and_docks_their_gaps() -> None:
         ("goal_reaching", "all/test@abc", 0.4, "must be @0.35 to @1.00"),
         ("docking", "all/test@11", 0.4, "must be @0.35 to @1.00"),
         ("goal_reaching", "all/test@nan", 0.4, "must be @0.35 to @1.00"),
+        ("goal_reaching", "all/test@0.3_5", 0.35, "must be @0.35 to @1.00"),
         ("goal_reaching", "all/test", 0.43, "its hull class is 'all/test@0.45'$"),
         ("goal_reaching", "rooms@0.45", 0.46, "its hull class is 'rooms/train@0.50'$"),
-        ("goal_reaching", "push_boxes/test@0.45", 0.45, "has no hull classes"),
-        ("teams", "all/test@0.45", 0.45, "has no hull classes"),
+        ("goal_reaching", "push_boxes/test@0.45", 0.45, "has no hull class '@0.45': .* at most 0.3 m"),
+        ("teams", "all/test@0.45", 0.45, "has no hull class"),
     ],
 )
 def test_what_is_no_class_is_refused_in_a_line(task: str, name: str, hull: float, message: str) -> None:
