@@ -175,13 +175,13 @@ def environment_page(env_id: str) -> str:
 
 
 def choices(docs: Path) -> dict[str, str]:
-    """Returns what `choosing.md` says of when to take each policy; its links are as from a policy's page."""
+    """Returns what `choosing.md` says of when to choose each policy; its links are as from a policy's page."""
     text = re.sub(r"\]\((?!\w+:|#)", "](../../", (docs / "choosing.md").read_text(encoding="utf-8"))
     return dict(re.findall(r"^\| `(\w+)` \| (.+?) \|$", text, re.MULTILINE))
 
 
 def policy_page(name: str, advice: str) -> str:
-    """Returns the page of a policy: what it gets, when to take it, its law and its gains."""
+    """Returns the page of a policy: what it gets, when to choose it, its law and its gains."""
     policy = make(name)
     kind = type(policy)
     what, source = ABOUT[name].what, ABOUT[name].source
@@ -199,7 +199,7 @@ def policy_page(name: str, advice: str) -> str:
     parts = [
         f"# {name}",
         f"{what[0].upper()}{what[1:]}.",
-        f"**When to take it**: {advice}" if advice else "",
+        f"**When to choose it**: {advice}" if advice else "",
         f'```python\nfrom wayfield.policies import Pilot, make\n\npilot = Pilot(make("{name}"), env)\n```',
         _table(("", ""), facts),
         "## The law",

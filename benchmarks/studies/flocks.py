@@ -647,7 +647,7 @@ def advice(teams: Sequence[Row], people: Sequence[Row]) -> str:
             else:
                 lines.append(line)
     header = ["task", "inputs", "choose", "solved, extra time", "with a collision (%)", "scenes"]
-    header.append("it is, beside the next best")
+    header.append("compared with the next best")
     return table(lines, header)
 
 

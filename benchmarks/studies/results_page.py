@@ -719,10 +719,10 @@ def _advice(kept: Kept) -> list[str]:
     lines = []
     found = advised(kept)
     for task, kind, access, row, lead in found:
-        lines.append([_SCENES.get(f"{task}, {kind}", task), access, _named(entry_of(row)), _result(row), lead])
+        lines.append([_SCENES.get(f"{task}, {kind}", task), _INPUTS.get(access, access), _named(entry_of(row)), _result(row), lead])
     if not lines:
         return []
-    return [_table(["task", "inputs", "choose", "its result", "it is, beside the next best"], lines), *_off_speed()]
+    return [_table(["task", "inputs", "choose", "its result", "compared with the next best"], lines), *_off_speed()]
 
 
 def _result(row: Row) -> str:
@@ -732,6 +732,7 @@ def _result(row: Row) -> str:
     return f"{row['success (%)'].partition(' ')[0]} %, {row[cost].partition(' ')[0]} {unit}"
 
 
+_INPUTS = {"path": "whole path", "sensors": "path errors"}  # of path followers
 _SCENES = {
     "Follow a path, smooth paths": "Follow a smooth path",
     "Follow a path, paths with corners": "Follow a path with corners",
