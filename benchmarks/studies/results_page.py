@@ -719,7 +719,8 @@ def _advice(kept: Kept) -> list[str]:
     lines = []
     found = advised(kept)
     for task, kind, access, row, lead in found:
-        lines.append([_SCENES.get(f"{task}, {kind}", task), _INPUTS.get(access, access), _named(entry_of(row)), _result(row), lead])
+        where = _SCENES.get(f"{task}, {kind}", task), _INPUTS.get(access, access)
+        lines.append([*where, _named(entry_of(row)), _result(row), lead])
     if not lines:
         return []
     return [_table(["task", "inputs", "choose", "its result", "compared with the next best"], lines), *_off_speed()]
