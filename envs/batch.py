@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs.robots.sensing import BEAM_NOISE_COLUMN, ROOM, Lidar, beam_directions, scan_ranges
+from wayfield.envs.tasks import constraints
 from wayfield.envs.tasks.briefing import KNOWS, MAPPED, Briefing, Surroundings
 from wayfield.envs.tasks.stepping import COMMAND, DRIVE, JUDGE
 from wayfield.envs.tasks.task import PLANTS, Task
@@ -40,6 +41,17 @@ class Results:
         # the info values, then the reward; the info flags, then whether the episode ended
         self.numbers = np.empty((len(task.info_names) + 1, num_envs))
         self.flags = np.empty((len(task.flag_names) + 1, num_envs), np.bool_)
+        self._names = (*task.info_names, *task.flag_names)
+        # a row a robot, of a task that tells them
+        self.constraints = np.empty((num_envs, len(task.constraints) if task.options.constraints else 0))
+        self.violated = np.empty(num_envs, np.bool_)
+
+    def told(self) -> dict[str, NDArray[Any]]:
+        """Returns the info, an array a name: a row a robot."""
+        found: dict[str, NDArray[Any]] = dict(zip(self._names, (*self.numbers[:-1], *self.flags[:-1]), strict=True))
+        if self.constraints.shape[1]:
+            found |= zip(constraints.NAMES, (self.constraints, self.violated), strict=True)
+        return found
 
 
 def _plant(task: Task, num_envs: int) -> Any:
@@ -102,6 +114,7 @@ class Batch:
         self.draws = 1 + task.draws + (2 if disturbance.shove > 0.0 else 0)
         self.asked = np.zeros((disturbance.action_delay, num_envs, *self.action_shape))  # oldest first
         self.own: Any = task.own_arrays(num_envs)
+        self._constraints = task.constraints if task.options.constraints else ()
         self._inputs = (
             *(task.params, self.states, self.obstacles, self.columns, self.noise, self.skip),
             *(*task.world, *self.own),
@@ -276,6 +289,8 @@ class Batch:
         )
         if self.plant is not None:
             self.plant.reset(rows, self.states, self.obstacles)
+        if self._constraints:
+            self._tell_constraints(rows, np.zeros_like(self.actions), self._commands(), results)
 
     def step(
         self,
@@ -291,6 +306,7 @@ class Batch:
         Raises:
             ValueError: if an action is not finite; nothing has moved then.
         """
+        before = (self.actions.copy(), self._commands()) if self._constraints else None
         if len(self.asked):
             self._delay_actions()
         if self.noisy:
@@ -300,10 +316,23 @@ class Batch:
                 self.states["noise_row"][i] = 0
         if self.plant is None:
             self._shared_out(self._phases, results, meanwhile)
-            return
-        self._shared_out(self._phases, results)
-        self.plant.drive(self.states, self.obstacles, self.columns, self.noise, self.skip)
-        self._shared_out(JUDGE, results, meanwhile)
+        else:
+            self._shared_out(self._phases, results)
+            self.plant.drive(self.states, self.obstacles, self.columns, self.noise, self.skip)
+            self._shared_out(JUDGE, results, meanwhile)
+        if before is not None:
+            self._tell_constraints(np.flatnonzero(~self.skip), *before, results)
+
+    def _commands(self) -> NDArray[np.float64]:
+        """Returns the last commands (num_envs, 3), m/s and rad/s."""
+        return np.stack([self.states[name] for name in ("command_vx", "command_vy", "command_yaw_rate")], axis=1)
+
+    def _tell_constraints(
+        self, rows: NDArray[np.int64], asked: NDArray[np.float64], commands: NDArray[np.float64], results: Results
+    ) -> None:
+        """Writes the values of the constraints of some rows, whose requests and commands before were these."""
+        found = constraints.evaluate(self._constraints, asked[rows], commands[rows], self.states[rows])
+        results.constraints[rows], results.violated[rows] = found
 
     def _shared_out(self, phases: int, results: Results, meanwhile: Callable[[], None] | None = None) -> None:
         """Runs phases of a step, by several threads where there are some."""

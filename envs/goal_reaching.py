@@ -16,6 +16,7 @@ from wayfield.envs.scenarios import TASKS, GoalScenario, TaskSpec, field_scenari
 from wayfield.envs.single import SingleEnv
 from wayfield.envs.tasks.arguments import PlantArguments, ScanArguments, argument, told
 from wayfield.envs.tasks.briefing import Goals
+from wayfield.envs.tasks.constraints import Constraint, at_least
 from wayfield.envs.tasks.observation import Field, Layout
 from wayfield.envs.tasks.sheets import (
     DIFF_DRIVE_ACTIONS,
@@ -499,6 +500,11 @@ class GoalReaching(Task):
     def last_indices(self, scenarios: NDArray[np.int64]) -> dict[str, NDArray[np.int64]]:
         """Returns the greatest value (b,) of each index."""
         return {"waypoint": self.world.courses["num_goals"][scenarios] - 1}
+
+    @property
+    def of_states(self) -> tuple[Constraint, ...]:
+        """Returns the distance of hull and obstacles."""
+        return (at_least("clearance", "clearance"),)
 
     def drawing(self, state: NDArray[np.void]) -> dict[str, Any]:
         """Returns what a frame shows of the task, as fields of `rendering.Scene`."""

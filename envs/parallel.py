@@ -67,7 +67,6 @@ class ParallelWorld(ParallelEnv[str, NDArray[np.float32], NDArray[np.float32]]):
         self.action_spaces = {
             agent: gymnasium.spaces.Box(-most, most, dtype=np.float32) for agent in self.possible_agents
         }
-        self._names = (*self.task.info_names, *self.task.flag_names)
         places = self._rows.batch.own.near_places
         self.state_space = gymnasium.spaces.Box(-np.inf, np.inf, (7 * places.shape[2],), np.float32)
 
@@ -158,6 +157,5 @@ class ParallelWorld(ParallelEnv[str, NDArray[np.float32], NDArray[np.float32]]):
         return {agent: rows[self._row(agent)].copy() for agent in self.agents}
 
     def _told(self, results: Results) -> dict[str, dict[str, Any]]:
-        values = (*results.numbers[:-1], *results.flags[:-1])
-        told = {name: row.tolist() for name, row in zip(self._names, values, strict=True)}
+        told = {name: list(rows) if rows.ndim > 1 else rows.tolist() for name, rows in results.told().items()}
         return {agent: {name: row[self._row(agent)] for name, row in told.items()} for agent in self.agents}

@@ -14,6 +14,7 @@ from wayfield.envs.scenarios import TASKS, PathScenario, path_scenarios
 from wayfield.envs.single import SingleEnv
 from wayfield.envs.tasks.arguments import PlantArguments, argument, told
 from wayfield.envs.tasks.briefing import Course
+from wayfield.envs.tasks.constraints import Constraint
 from wayfield.envs.tasks.observation import Field, Layout
 from wayfield.envs.tasks.sheets import (
     DIFF_DRIVE_ACTIONS,
@@ -340,6 +341,16 @@ class PathFollowing(Task):
     def last_indices(self, scenarios: NDArray[np.int64]) -> dict[str, NDArray[np.int64]]:
         """Returns the greatest value (b,) of each index."""
         return dict.fromkeys(("segment", "measured_segment"), self.pool.runs["segments"][scenarios] - 1)
+
+    @property
+    def of_states(self) -> tuple[Constraint, ...]:
+        """Returns the corridor, which a robot that leaves it fails by."""
+        corridors = self.world.courses["corridor"].copy()
+
+        def tube(error: Any, scenario: Any) -> list[Any]:
+            return [error - corridors[scenario], -error - corridors[scenario]]
+
+        return (Constraint("tube", "state", ("cross_track_error", "scenario"), "m", corridors, tube),)
 
     def drawing(self, state: NDArray[np.void]) -> dict[str, Any]:
         """Returns what a frame shows of the task, as fields of `rendering.Scene`."""

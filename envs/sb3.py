@@ -10,8 +10,9 @@ from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
 import wayfield.envs  # noqa: F401  registers the ids
+from wayfield.envs.tasks.constraints import NAMES
 from wayfield.envs.teams import TeamVectorEnv
-from wayfield.envs.vector import NativeVectorEnv
+from wayfield.envs.vector import NativeVectorEnv, chosen
 from wayfield.system.checks import shown
 from wayfield.system.extras import installs
 
@@ -43,7 +44,7 @@ def _joined(pieces: list[NDArray[Any]]) -> NDArray[Any]:
 
 def _dicts(told: Mapping[str, NDArray[Any]], rows: Any = slice(None)) -> list[dict[str, Any]]:
     """Returns the info of each of some rows as a dict of its own, from an array a name."""
-    columns = [values[rows].tolist() for values in told.values()]
+    columns = [list(each) if each.ndim > 1 else each.tolist() for each in (values[rows] for values in told.values())]
     return [dict(zip(told, row, strict=True)) for row in zip(*columns, strict=True)]
 
 
@@ -206,12 +207,13 @@ class NativeVecEnv(VecEnv):
     def _joined_infos(self, infos: list[dict[str, Any]], last: bool = True) -> dict[str, NDArray[Any]]:
         """Returns an array a name: where an episode has ended, what was told last, or what the next one begins with."""
         told = {}
-        for name in (*self.task.info_names, *self.task.flag_names):
+        more = NAMES if self.task.options.constraints else ()
+        for name in (*self.task.info_names, *self.task.flag_names, *more):
             pieces = []
             for info in infos:
                 values = info[name]
                 if last and "_final_info" in info:
-                    values = np.where(info["_final_info"], info["final_info"][name], values)
+                    values = chosen(info["_final_info"], info["final_info"][name], values)
                 pieces.append(values)
             told[name] = _joined(pieces)
         return told

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from wayfield.envs.batch import Batch, Results
 from wayfield.envs.tasks.arguments import Arguments
 from wayfield.envs.tasks.briefing import Briefing
+from wayfield.envs.tasks.constraints import NAMES, Constraint
 from wayfield.envs.tasks.task import CONTROL_PERIOD, Task
 from wayfield.system.checks import choose, refuse, shown, suggestion, whole
 from wayfield.system.checks import seed as check_seed
@@ -64,6 +65,7 @@ class SingleEnv(gymnasium.Env[Any, Any]):
         self._wire()
         self._names = (*task.info_names, *task.flag_names)
         self._first = np.zeros(1, np.int64)
+        self._tells = task.options.constraints
         self._generators: list[np.random.Generator] = []
         self._trail: list[tuple[float, float]] = []
         self._renderer: Any = None
@@ -114,7 +116,13 @@ class SingleEnv(gymnasium.Env[Any, Any]):
         self.batch.reset(self._first, self._generators, results, scenarios)
         self._begin_frames()
         values = self._numbers.tolist()[:-1] + self._flags.tolist()[:-1]
-        return results.observations[0], dict(zip(self._names, values, strict=True))
+        return results.observations[0], dict(zip(self._names, values, strict=True)) | self._constraint_info()
+
+    def _constraint_info(self) -> dict[str, Any]:
+        """Returns the values (k,) of the constraints, and whether one is violated, where the info shall have them."""
+        if not self.task.options.constraints:
+            return {}
+        return dict(zip(NAMES, (self._results.constraints[0].copy(), self._results.violated.item()), strict=True))
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
         """Moves the robot by one control period; see gymnasium.Env.step. The clock is the TimeLimit wrapper's.
@@ -138,7 +146,10 @@ class SingleEnv(gymnasium.Env[Any, Any]):
         flags = self._flags.tolist()
         terminated = flags.pop()
         # zip without strict: the names were counted when the arrays were made, and this is a tenth of the step
-        return observations[0], reward, terminated, False, dict(zip(self._names, numbers + flags))  # noqa: B905
+        info = dict(zip(self._names, numbers + flags))  # noqa: B905
+        if self._tells:
+            info |= self._constraint_info()
+        return observations[0], reward, terminated, False, info
 
     def render(self) -> Any:
         """Returns an (h, w, 3) uint8 frame in "rgb_array" mode; "human" mode draws by itself.
@@ -159,6 +170,11 @@ class SingleEnv(gymnasium.Env[Any, Any]):
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
+
+    @property
+    def constraints(self) -> tuple[Constraint, ...]:
+        """Returns what base and task allow, as data, in the order of `info["constraint_values"]`."""
+        return self.task.constraints
 
     def briefing(self, knows: str) -> Briefing:
         """Returns the briefing of the episode that was just reset, for a policy that declares `knows`."""

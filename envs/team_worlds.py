@@ -61,6 +61,7 @@ from wayfield.envs.scenarios.recordings import is_recording, recorded
 from wayfield.envs.scenarios.scenario import GoalScenario
 from wayfield.envs.scenarios.team_scenario import TeamScenario, check_team
 from wayfield.envs.tasks.arguments import ScanArguments, argument
+from wayfield.envs.tasks.constraints import Constraint, at_least
 from wayfield.envs.tasks.observation import Field, Layout
 from wayfield.envs.tasks.specs import CROWDS, TASKS, TaskSpec
 from wayfield.envs.tasks.stepping import Outputs, Reset, Robots, Step, Turn, drawn_scenario, places, step_worlds
@@ -644,6 +645,11 @@ class Teams(GoalReaching):
             row["first"] += begins[id(each.tracks)]
         every = np.ascontiguousarray(np.concatenate(list(tracks.values())))
         self.world = TeamBank(**self.world._asdict(), walks=walks, tracks=every)
+
+    @property
+    def of_states(self) -> tuple[Constraint, ...]:
+        """Returns the distance of hull and obstacles, and of hulls."""
+        return (*super().of_states, at_least("gap", "gap"))
 
     def bank(self, scenario: Any, hull_radius: float) -> tuple[TeamScenario, ...]:
         """Returns the scenarios of a name, or those given, all with one number of robots.

@@ -90,6 +90,7 @@ class TeamRows:
             results.observations[waiting] = kept.observations[waiting]
             results.numbers[:, waiting] = kept.numbers[:, waiting]
             results.flags[:, waiting] = kept.flags[:, waiting]
+            results.constraints[waiting], results.violated[waiting] = kept.constraints[waiting], kept.violated[waiting]
         self.took_part = moved | self.alive
         terminated = results.flags[-1] & moved
         truncated = np.zeros(self.num_envs, np.bool_)
@@ -103,6 +104,7 @@ class TeamRows:
             kept.numbers[:, ended] = results.numbers[:, ended]
             kept.numbers[-1, ended] = 0.0
             kept.flags[:, ended] = results.flags[:, ended]
+            kept.constraints[ended], kept.violated[ended] = results.constraints[ended], results.violated[ended]
             kept.flags[-1, ended] = False
         return results, terminated, truncated
 
@@ -132,7 +134,6 @@ class TeamEnv(SingleEnv):
         self.observation_space = batch_space(task.layout.space, task.team)
         self.action_space = batch_space(gymnasium.spaces.Box(-most, most, dtype=np.float32), task.team)
         self.marks = {}
-        self._names = (*task.info_names, *task.flag_names)
         self._shape = (task.team, *self.batch.action_shape)
         self._generators = []
         self._trail = []
@@ -202,8 +203,7 @@ class TeamEnv(SingleEnv):
 
     def _told(self, results: Results) -> dict[str, Any]:
         assert self.rows is not None
-        told = dict(zip(self._names, (*results.numbers[:-1], *results.flags[:-1]), strict=True))
-        return told | {"alive": self.rows.took_part.copy()}
+        return results.told() | {"alive": self.rows.took_part.copy()}
 
 
 class TeamVectorEnv(NativeVectorEnv):

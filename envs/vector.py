@@ -14,12 +14,18 @@ from numpy.typing import NDArray
 from wayfield.envs.batch import Batch, Results
 from wayfield.envs.single import SingleEnv, check_keywords
 from wayfield.envs.tasks.briefing import Briefing
+from wayfield.envs.tasks.constraints import Constraint
 from wayfield.system.checks import MOST_ENVS, MOST_STEPS, MOST_THREADS, choose, shown, whole
 from wayfield.system.checks import seed as check_seed
 
 _BATCH_KEYWORDS = ("num_envs", "max_episode_steps", "autoreset_mode", "num_threads")
 Seeds = int | Sequence[int | None] | NDArray[np.integer[Any]] | None
 AUTORESET_MODES = {"NextStep": AutoresetMode.NEXT_STEP, "SameStep": AutoresetMode.SAME_STEP}
+
+
+def chosen(rows: NDArray[np.bool_], values: NDArray[Any], others: NDArray[Any]) -> NDArray[Any]:
+    """Returns the values (b, ...) of some rows, and the others of the rest."""
+    return np.where(rows.reshape(-1, *(1,) * (values.ndim - 1)), values, others)
 
 
 class NativeVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
@@ -201,6 +207,11 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             renderer.close()
         self._renderers = []
 
+    @property
+    def constraints(self) -> tuple[Constraint, ...]:
+        """Returns what base and task allow: see `SingleEnv.constraints`."""
+        return self.task.constraints
+
     def briefing(self, knows: str) -> Briefing:
         """Returns the briefing of the episodes that were just reset, for a policy that declares `knows`."""
         return self.batch.briefing(knows)
@@ -208,9 +219,8 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
     def _info(self, results: Results, mask: NDArray[np.bool_] | None = None) -> dict[str, Any]:
         """Returns Gymnasium's vector info: an array and a mask for each name; rows outside the mask hold zero."""
         info: dict[str, Any] = {}
-        names = (*self.task.info_names, *self.task.flag_names)
         told = self._all.copy() if mask is None else mask
-        for name, values in zip(names, (*results.numbers[:-1], *results.flags[:-1]), strict=True):
-            info[name] = values if mask is None else np.where(mask, values, values.dtype.type(0))
+        for name, values in results.told().items():
+            info[name] = values if mask is None else chosen(told, values, np.zeros_like(values))
             info[f"_{name}"] = told
         return info

@@ -39,6 +39,9 @@ class Arguments:
     disturbance: str = argument(
         "none", '"light", "moderate", "strong", "severe", or one cause: see `envs.robots.disturbances`'
     )
+    constraints: bool = argument(
+        False, "`info` has the values of `env.unwrapped.constraints`, at most 0 where kept, and `constraint_violation`"
+    )
     render_mode: str | None = argument(None, '"rgb_array" or "human"; width and height of the frames, px')
     frame_size: tuple[int, int] = argument(FRAME_SIZE)
 

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from wayfield.envs.robots import ACTUATORS, Actuators, Robot, offered, records
 from wayfield.envs.robots.disturbances import DISTURBANCES, Disturbance
+from wayfield.envs.tasks.constraints import Constraint, of_request
 from wayfield.envs.tasks.observation import Layout
 from wayfield.envs.tasks.specs import TaskSpec
 from wayfield.envs.world.grids import NO_GRIDS, Grids
-from wayfield.system.checks import FARTHEST_SHOVE, LONGEST, MOST_NOISE, choose, heading, number, real, shown
+from wayfield.system.checks import FARTHEST_SHOVE, LONGEST, MOST_NOISE, choose, heading, number, real, shown, truth
 
 CONTROL_PERIOD = 0.05  # s
 
@@ -33,6 +34,7 @@ class Options:
     disturbance: Disturbance
     dt: float = CONTROL_PERIOD
     address: str | None = None  # host:port of the simulator, of the plant that has one
+    constraints: bool = False  # whether the info has their values
 
     @classmethod
     def of(cls, robots: tuple[str, ...], **asked: Any) -> "Options":
@@ -64,6 +66,7 @@ class Options:
         if not 0.0 <= real(noise) < math.inf:
             raise ValueError(f"noise must be a finite number >= 0 (0 is none, 1 nominal), got {shown(noise)}")
         asked["noise"] = number("noise", noise, least=0.0, most=MOST_NOISE)
+        truth("constraints", asked.get("constraints", False))
         if asked["shove"] is not None:
             asked["shove"] = _shove(asked["shove"])
         return cls(**asked)
@@ -206,6 +209,16 @@ class Task(abc.ABC):
     def num_beams(self) -> int:
         """Returns how many beams the range scan has."""
         return len(self.beam_angles)
+
+    @property
+    def constraints(self) -> tuple[Constraint, ...]:
+        """Returns what base and task allow, in the order of `info["constraint_values"]`."""
+        return of_request(self.params[0], self.robot.max_twist, self.robot.twist_axes) + self.of_states
+
+    @property
+    def of_states(self) -> tuple[Constraint, ...]:
+        """Returns the constraints of the task's own states."""
+        return ()
 
     @property
     def noise_columns(self) -> int:
