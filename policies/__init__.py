@@ -5,6 +5,7 @@ One file a law, in rooms: `paths`, `poses`, `scans`, `teams`, `trained`. `regist
 """
 
 from wayfield.policies.learned.agent import load_agent
+from wayfield.policies.parts.barrier import Barrier, cbf
 from wayfield.policies.parts.gain import Gains, gain, gains_of
 from wayfield.policies.parts.policy import Policy
 from wayfield.policies.parts.shield import Shield, Shielded
@@ -15,6 +16,7 @@ from wayfield.policies.registry import ABOUT, POLICIES, Listed, NoCruisingSpeed,
 __all__ = [
     "ABOUT",
     "POLICIES",
+    "Barrier",
     "Gains",
     "Listed",
     "NoCruisingSpeed",
@@ -23,6 +25,7 @@ __all__ = [
     "Policy",
     "Shield",
     "Shielded",
+    "cbf",
     "cruising",
     "drives",
     "gain",

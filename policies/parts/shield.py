@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,10 +66,7 @@ class Shield(Gains):
         Raises:
             ValueError: if the scan looks at less than half a turn.
         """
-        angles = briefing.beam_angles
-        if len(angles) < 2 or angles[-1] - angles[0] + angles[1] - angles[0] < LEAST_VIEW:
-            told = f"num_beams is {len(angles)}" if len(angles) < 2 else f"it spans {angles[-1] - angles[0]:.3g} rad"
-            raise ValueError(f"Shield needs a scan of at least half a turn; {told}")
+        check_view(self, briefing)
         return np.zeros(briefing.num_envs, STATE)
 
     def passed(
@@ -90,6 +87,14 @@ class Shield(Gains):
         p = params(self, briefing, spacing=self.spread * float(spacing))
         filter_twists(p, scan, Seen.of(observation, briefing), blind_directions(briefing), memory, driven)
         return driven[:, briefing.robot.twist_axes]
+
+
+def check_view(filter_: Gains, briefing: Briefing) -> None:
+    """Raises ValueError, naming the filter, unless the scan looks at half a turn or more."""
+    angles = briefing.beam_angles
+    if len(angles) < 2 or angles[-1] - angles[0] + angles[1] - angles[0] < LEAST_VIEW:
+        told = f"num_beams is {len(angles)}" if len(angles) < 2 else f"it spans {angles[-1] - angles[0]:.3g} rad"
+        raise ValueError(f"{type(filter_).__name__} needs a scan of at least half a turn; {told}")
 
 
 def blind_directions(briefing: Briefing) -> NDArray[np.float64]:
@@ -157,12 +162,24 @@ def first_that_stops(plant, hits, command, wheels, vx, vy, w):
     return 0.0, 0.0, 0.0
 
 
+class Filter(Protocol):
+    """What stands behind a policy: a `Shield`, or another with its two methods and the last `command` in its memory."""
+
+    def reset(self, briefing: Briefing) -> NDArray[Any]:
+        """Returns what is remembered of each robot: see `Shield.reset`."""
+
+    def passed(
+        self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any], twists: NDArray[Any]
+    ) -> NDArray[np.float64]:
+        """Returns the twists that are driven: see `Shield.passed`."""
+
+
 @dataclasses.dataclass(frozen=True)
 class Shielded:
-    """Any policy for goals with a `Shield` behind it."""
+    """Any policy for goals with a `Shield`, or another filter, behind it."""
 
     policy: Policy
-    shield: Shield = Shield()
+    shield: Filter = Shield()
 
     @property
     def knows(self) -> str:

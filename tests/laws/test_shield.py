@@ -1,4 +1,4 @@
-"""The shield: behind any driving, on any base, nothing that stands and is wide enough to be seen is touched."""
+"""Shield and barrier: behind any driving, on any base, nothing that stands and is wide enough to be seen is touched."""
 
 import dataclasses
 import itertools
@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from wayfield.envs import goal_reaching
-from wayfield.envs.robots import FULL_TURN, Robot, Sensors
+from wayfield.envs.robots import ACTUATORS, FULL_TURN, ROBOTS, Robot, Sensors
 from wayfield.envs.scenarios import TASKS, field_scenarios
-from wayfield.envs.scenarios.goal_families import LARGEST_HULL
-from wayfield.policies import Pilot, Policy, Shielded, make
+from wayfield.envs.scenarios.goal_families import GOAL_FAMILIES, LARGEST_HULL
+from wayfield.policies import Pilot, Policy, Shielded, cbf, make
 from wayfield.policies.parts.shield import LEAST_VIEW, Shield
 from wayfield.policies.training.drawn import robot_like
 
@@ -111,15 +111,27 @@ def counted(policy: Any, seed: int, settings: int, num_envs: int, steps: int) ->
     return hits
 
 
-def test_reckless_driving_touches_nothing_behind_the_shield() -> None:
+def test_reckless_driving_touches_nothing_behind_a_filter() -> None:
     run = {"seed": 3, "settings": 12, "num_envs": 8, "steps": 400}
     assert counted(Shielded, **run) == 0
+    assert counted(cbf, **run) == 0
     assert counted(lambda reckless: reckless, **run) >= 24  # a quarter of the same driving without it
 
 
 @pytest.mark.slow
-def test_ten_thousand_reckless_episodes_touch_nothing() -> None:
-    assert counted(Shielded, seed=4, settings=313, num_envs=32, steps=400) == 0
+@pytest.mark.parametrize("behind", [Shielded, cbf])
+def test_ten_thousand_reckless_episodes_touch_nothing(behind: Any) -> None:
+    assert counted(behind, seed=4, settings=313, num_envs=32, steps=400) == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("tier", ACTUATORS)
+def test_a_policy_that_sees_nothing_touches_nothing_in_a_thousand_scenes(tier: str) -> None:
+    rng = np.random.default_rng(0)
+    scenes = [thick(GOAL_FAMILIES[family].make(rng)) for family in ("clutter_5", "clutter_10", "clutter_15") * 334]
+    blind, run = make("smooth_pose"), {"actuators": tier, "num_beams": 72}
+    assert collisions(blind, ROBOTS["p3dx"], scenes, len(scenes), 600, **run) > 500
+    assert collisions(cbf(blind), ROBOTS["p3dx"], scenes, len(scenes), 600, **run) == 0
 
 
 def test_a_twist_far_from_everything_passes_unchanged() -> None:
