@@ -24,7 +24,7 @@ from wayfield.system.storage import write_whole
 
 MARK = "<!-- Below: written by python benchmarks/studies/robot_page.py -->\n"
 PAGE, DRAWING = "robots.md", "robots.png"
-_COLUMNS = 4  # of the drawing
+_COLUMNS = 5  # of the drawing
 _WIDE = 0.5  # of a wheel, times its radius; data sheets do not say
 _ROLLERS = 5  # drawn on a wheel
 _BODY, _INK, _SOFT = "#E3EDF7", "#2B3440", "#9AA2AC"

@@ -22,13 +22,12 @@ from wayfield.benchmarks.commands import evaluate
 from wayfield.envs.robots import ROBOTS, Robot, Wheel, read_robot, robot_of
 from wayfield.envs.robots.intervals import Interval, drawn
 from wayfield.envs.scenarios import TASKS, TaskSpec
-from wayfield.envs.scenarios.goal_families import LARGEST_HULL
 from wayfield.envs.vector import NativeVectorEnv
 from wayfield.policies.learned.agent import drives, load_agent
 from wayfield.policies.trained.ppo import shipped
 from wayfield.policies.training.presets import overridden, preset_for
 
-NEW = ("turtlebot3", "kobuki", "jackal", "mecanum4")
+NEW = ("turtlebot3", "kobuki", "jackal", "mecanum4", "mir100", "husky")
 FOLDER = Path(wayfield.envs.robots.__file__).parent / "data_sheets"
 PATH_ID, GOAL_ID = "wayfield/DiffDrivePathFollowing-v0", "wayfield/DiffDriveGoalObstacles-v0"
 OMNI_IDS = ("wayfield/OmniPathFollowing-v0", "wayfield/OmniGoalObstacles-v0")
@@ -56,9 +55,9 @@ def vector(env_id: str, num_envs: int, **options: Any) -> NativeVectorEnv:
 
 
 def fitting(spec: TaskSpec, name: str) -> dict[str, str]:
-    """Returns options under which a robot fits: the frozen families, docking's default, were searched for less."""
-    large = ROBOTS[name].hull_radius > LARGEST_HULL
-    return {"scenario": "sideways"} if large and spec.name == "docking" else {}
+    """Returns options under which a robot fits: of the frozen families, docking's default, those of its hull class."""
+    classed = spec.repertoire.split_for("all/train", ROBOTS[name].hull_radius)
+    return {"scenario": classed} if "@" in classed and spec.name == "docking" else {}
 
 
 def driven(env: Any, steps: int = 60) -> bytes:
