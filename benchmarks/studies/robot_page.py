@@ -77,7 +77,7 @@ def _robot(axis: Any, robot: Robot, most: float) -> None:
     axis.add_patch(Arc((0.0, 0.0), around, around, theta1=-half, theta2=half, color=colour(5), linewidth=1.6))
     axis.set(xlim=(-most, most), ylim=(-most, most), aspect="equal")
     axis.axis("off")
-    axis.set_title(f"{robot.name}\n{robot.drive}, hull {hull_words(robot)}", fontsize=9)
+    axis.set_title(f"{robot.name}\n{robot.drive}\nhull {hull_words(robot)}", fontsize=10.5)
 
 
 def drawing() -> Figure:
@@ -92,13 +92,13 @@ def drawing() -> Figure:
     first = axes[0, 0]
     low = 0.06 - most
     first.plot((-most, 0.1 - most), (low, low), color=_INK, linewidth=2.0, solid_capstyle="butt")
-    first.text(0.12 - most, low, "0.1 m", va="center", fontsize=8)
+    first.text(0.12 - most, low, "0.1 m", va="center", fontsize=11)
     note = (
-        "From above, ahead to the right; widths of wheels are not on the sheets. Lines on wheels: axes of the rollers "
-        "on the floor.\nGrey: encoder wheels. Dashed: where a skid steer's wheels act. "
-        "Light blue: field of view of the scan, not its range."
+        "Seen from above, ahead is to the right. Lines on wheels: axes of the rollers on the floor.\n"
+        "Grey: encoder wheels. Dashed: where a skid steer's wheels act. "
+        "Light blue: field of view of the lidar, not its range."
     )
-    figure.text(0.01, 0.01, note, fontsize=7.5)
+    figure.text(0.01, 0.01, note, fontsize=10)
     figure.tight_layout(rect=(0.0, 0.05, 1.0, 1.0))
     return figure
 
@@ -108,7 +108,7 @@ def _row(robot: Robot) -> list[str]:
     radii = sorted({wheel.radius for wheel in robot.wheels})
     twist = ", ".join(f"{value:.3g}" for value in robot.max_twist)
     scan = robot.sensors
-    angle = "round" if scan.angle == FULL_TURN else f"{scan.angle:.3g} rad"
+    angle = "full circle" if scan.angle == FULL_TURN else f"{scan.angle:.3g} rad"
     return [
         f"`{robot.name}`",
         robot.title,
@@ -121,6 +121,12 @@ def _row(robot: Robot) -> list[str]:
     ]
 
 
+_SOURCES = (
+    "Where the numbers of each data sheet come from. Document A is the P3DX look-ahead report, B the three-wheel omni "
+    "paper, C the four-wheel APF paper. `chosen` numbers are ours."
+)
+
+
 def generated() -> str:
     """Returns what stands below the mark: the drawing, the table, and the source of every number."""
     header = [
@@ -128,16 +134,15 @@ def generated() -> str:
         "robot",
         "drive",
         "wheel radius (m)",
-        "most: v_x, (v_y,) yaw rate",
-        "lagged: m/s², rad/s², lag (s)",
+        "top speeds: v_x, (v_y,) yaw rate (m/s, rad/s)",
+        "`lagged`: acceleration (m/s², rad/s²), lag (s)",
     ]
     header += ["mass (kg), inertia (kg m²), friction", "scan"]
     note = (
-        "The most is at rated wheel speed, each alone. No scan: 32 beams round, 5 m, as the documents'. A robot whose "
-        "hull is larger than 0.3 m drives the frozen families of its hull class."
+        "Top speeds are at rated wheel speed, each axis alone. An empty cell of the scan: 32 beams, 5 m, full circle."
     )
     table = Table("Robots that ship", header, [_row(robot) for robot in ROBOTS.values()], note).markdown()
-    parts = [f"![Every robot to scale]({DRAWING})\n", table, "## Sources\n"]
+    parts = [f"![Every robot to scale]({DRAWING})\n", table, f"## Sources\n\n{_SOURCES}\n"]
     for robot in ROBOTS.values():
         lines = "\n".join(f"- `{field}`: {source}" for field, source in robot.sources.items())
         parts.append(f"### {robot.name}: {robot.title}\n\n{lines}\n")

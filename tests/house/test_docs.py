@@ -84,7 +84,7 @@ def test_every_task_and_policy_is_in_the_pages() -> None:
     assert [name for name in POLICIES if f"| `{name}`" not in listed and f", `{name}`" not in listed] == []
     ids = {each for spec in TASKS.values() for each in spec.ids.values()}
     told = (ROOT / "docs/environments.md").read_text(encoding="utf-8")
-    assert [each for each in ids if f"| `{each}`" not in told] == []
+    assert [each for each in ids if f"`{each}`" not in told] == []
     assert [name for name in ROBOTS if f"`{name}`" not in told] == []
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     assert [each for each in ids if f"`{each}`" not in readme] == []
