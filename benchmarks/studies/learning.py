@@ -212,12 +212,14 @@ def page(rows: Sequence[Mapping[str, Any]]) -> str:
         "![Success on validation scenes against environment steps of four learners and controllers](learning.png)", "",
         f"A line is the mean of {SEEDS} seeds, its band reaches from the least to the most successful one. Dashed and "
         "dotted: tuned controllers on the same scenes. No network begins as a copy of a controller. PPO, SAC and TD3 "
-        f"are those of Stable-Baselines3, with the same inputs, rewards and actions, {ROBOTS} robots side by side, "
+        f"are those of Stable-Baselines3, with the same inputs and actions, {ROBOTS} robots side by side, "
         f"networks of two layers of {HIDDEN[0]} units (tanh) and {STEPS:,} environment steps.", "",
         "Nothing was tuned for them. Other than Stable-Baselines3's defaults are the discount (the preset's), and for "
         f"SAC and TD3 {UPDATES_PER_STEP:g} gradient steps per environment step instead of 1, 10,240 random steps at "
         "first, TD3's exploration noise of 0.1 (its paper's), and SAC's first entropy coefficient (1 - discount, as "
-        f"rewards are scaled). `{FULL}` has the preset's own network, hyperparameters and 1,024 robots.", "",
+        f"rewards are scaled). `{FULL}` has the preset's own network, hyperparameters and 1,024 robots."
+        " On paths, the preset charges up to five times as much for errors as its run goes on; the others pay the "
+        "initial price throughout.", "",
     ]  # fmt: skip
     for task, told in TASKS.items():
         cost = "cross-track RMS (mm)" if task == "path following" else "time (s)"
