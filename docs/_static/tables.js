@@ -1,6 +1,24 @@
 // Long tables sort by a click on a head, which stays in view; columns of numbers are set to the right.
 "use strict";
 
+// a number, its interval and its unit stand on one line, and so do the words for a set of gains
+const WHOLE = /[+−-]?\d[\d.,]*(?: %)? \[[^\]]*\](?: (?:points|mm|m|s)\b)?|[+−-]?\d[\d.,]* (?:%|mm|m\/s|m|s|points)(?![\w/])|\(hand-tuned\)/;
+for (const cell of document.querySelectorAll(".content td")) {
+  const walker = document.createTreeWalker(cell, NodeFilter.SHOW_TEXT);
+  const texts = [];
+  while (walker.nextNode()) if (!walker.currentNode.parentElement.closest("code")) texts.push(walker.currentNode);
+  for (const node of texts) {
+    for (let rest = node, found; (found = WHOLE.exec(rest.data)); ) {
+      const span = document.createElement("span");
+      span.className = "whole";
+      const whole = rest.splitText(found.index);
+      rest = whole.splitText(found[0].length);
+      whole.replaceWith(span);
+      span.append(whole);
+    }
+  }
+}
+
 for (const table of document.querySelectorAll(".content table.docutils")) {
   const [head] = table.tHead ? table.tHead.rows : [];
   const body = table.tBodies[0];
