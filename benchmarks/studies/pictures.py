@@ -110,7 +110,7 @@ def sheet(spec: TaskSpec) -> Figure:
             _crowd(axis, scenario)
         else:
             _field(axis, scenario)
-        axis.set_title(family, fontsize=9)
+        axis.set_title(family, fontsize=10.5)
         axis.set_aspect("equal", adjustable="datalim")
         axis.margins(0.08)
     figure.tight_layout()
@@ -177,7 +177,7 @@ def _scale(axis: Any, points: Any) -> None:
     low = bottom - 0.07 * max(top - bottom, *np.ptp(points, axis=0))
     left = float(np.min(points[:, 0]))
     axis.plot((left, left + 1.0), (low, low), color=SOLID, linewidth=2.0, solid_capstyle="butt")
-    axis.text(left + 1.15, low, "1 m", va="center", fontsize=7, color=SOLID)
+    axis.text(left + 1.15, low, "1 m", va="center", fontsize=9, color=SOLID)
 
 
 def _png(image: Any, told: str = "") -> bytes:
