@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 import everywhere
+import filters
 import flocks
 import front_page
 import interval_coverage
@@ -103,6 +104,11 @@ def test_page_and_readme_are_what_the_kept_tables_make() -> None:
     kept = results_page.Kept(ROOT)
     for name, content in (results_page.pages(kept) | front_page.readme(kept)).items():
         assert (ROOT / name).read_text(encoding="utf-8") == content.decode(), f"{name}: run {publish.__name__}"
+
+
+def test_the_page_of_the_filters_is_what_its_rows_make() -> None:
+    rows = filters.read(ROOT / filters.TABLE)
+    assert (ROOT / filters.PAGE).read_text(encoding="utf-8") == filters.page(rows)
 
 
 def test_the_page_of_the_driver_for_every_robot_is_what_its_rows_make() -> None:
@@ -234,6 +240,7 @@ def test_every_kept_file_belongs_to_a_section() -> None:
     known |= {f"{sections.KEPT}/{name}" for name in (*flocks.FILES.values(), "flocks.md")}  # by a study of its own
     known |= {f"{sections.KEPT}/everywhere.{kind}" for kind in ("csv.xz", "md")}
     known |= {f"{sections.KEPT}/learning.{kind}" for kind in ("csv", "md", "png")}
+    known |= {f"{sections.KEPT}/{name}.{kind}" for name in ("filters",) for kind in ("csv", "md")}
     known |= {f"{sections.KEPT}/{each.name}.{kind}" for each in sections.SECTIONS for kind in ("json", "md")}
     for section in sections.SECTIONS:
         places = {section.place(name) for name in section.tables}
