@@ -57,6 +57,24 @@ EQUATIONS: Mapping[str, tuple[str, ...]] = {
         r"v = d \min\left( v_0, \frac{\omega_{max}}{|\kappa|}, \sqrt{2 a s} \right), \qquad"
         r" \omega = v \, \kappa - |v| \left( \frac{2 \theta}{L} + \frac{d \, e}{L^2} \right)",
     ),
+    "kanayama": (
+        r"v = v_r \cos \theta_e + k_x x_e, \qquad"
+        r" \omega = \omega_r + v_r \left( k_y y_e + k_{\theta} \sin \theta_e \right)",
+    ),
+    "samson": (
+        r"k = 2 \zeta \sqrt{\omega_r^2 + b v_r^2}, \qquad v = v_r \cos \theta_e + k x_e, \qquad"
+        r" \omega = \omega_r + b v_r \frac{\sin \theta_e}{\theta_e} y_e + k \theta_e",
+    ),
+    "offset_point": (r"u = \dot p_{r,b} + k (p_{r,b} - p_b), \qquad v = u_x, \qquad \omega = \frac{u_y}{b}",),
+    "feedback_linear": (
+        r"u = \ddot p_r + 2 \zeta a (\dot p_r - \dot p) + a^2 (p_r - p), \qquad"
+        r" v = \xi, \qquad \omega = \frac{u_y}{\xi}, \qquad \dot \xi = u_x",
+    ),
+    "tv_lqr": (
+        r"u_k = c_k - K_k z_k, \qquad c_k = \frac{v_{k+1} - d v_k}{1 - d}, \qquad"
+        r" K_k = (R + B_k^T P_{k+1} B_k)^{-1} B_k^T P_{k+1} A_k",
+    ),
+    "pid_omni": (r"u = \dot r + k_p e + k_i \int e \, dt, \qquad \omega = \omega_r + k_{\theta} \theta_e",),
     "apf_documented": FIELD,
     "apf_escape": FIELD,
     "apf_corrected": (

@@ -311,7 +311,7 @@ class PathFollowing(Task):
     """The path-following task of one robot on a bank of paths."""
 
     state_dtype = STATE
-    info_names = INFO
+    info_names: ClassVar[tuple[str, ...]] = INFO
     flag_names = FLAGS
     draws = DRAWS
     step_rows = staticmethod(step_rows)
@@ -352,13 +352,24 @@ class PathFollowing(Task):
 
         return (Constraint("tube", "state", ("cross_track_error", "scenario"), "m", corridors, tube),)
 
-    def drawing(self, state: NDArray[np.void]) -> dict[str, Any]:
-        """Returns what a frame shows of the task, as fields of `rendering.Scene`."""
+    def around(self, state: NDArray[np.void]) -> dict[str, Any]:
+        """Returns what a frame shows of the path, as fields of `rendering.Scene`."""
         scenario = self.scenarios[int(state["scenario"])]
         run = self.pool.runs[int(state["scenario"])]
         vertices = self.pool.vertices[run["first"] : run["first"] + run["segments"] + 1]
         path = np.column_stack([vertices["x"], vertices["y"]])
         margin = scenario.corridor + self.robot.hull_radius
+        return {
+            "path": path,
+            "corridor": scenario.corridor,
+            "bounds": (*(path.min(axis=0) - margin).tolist(), *(path.max(axis=0) + margin).tolist()),
+            "start": tuple(self.world.courses["start"][int(state["scenario"])][:2].tolist()),
+        }
+
+    def drawing(self, state: NDArray[np.void]) -> dict[str, Any]:
+        """Returns what a frame shows of the task, as fields of `rendering.Scene`."""
+        run = self.pool.runs[int(state["scenario"])]
+        vertices = self.pool.vertices[run["first"] : run["first"] + run["segments"] + 1]
         # the two markers that document A shows live: the point half a metre ahead, and the path point nearest to it
         lookahead = (
             float(state["x"] + LOOKAHEAD * math.cos(state["heading"])),
@@ -374,11 +385,7 @@ class PathFollowing(Task):
         )
         a = vertices[segment]
         along = along_lap(self.pool.vertices, run, s, segment) - a["s"]
-        return {
-            "path": path,
-            "corridor": scenario.corridor,
-            "bounds": (*(path.min(axis=0) - margin).tolist(), *(path.max(axis=0) + margin).tolist()),
-            "start": tuple(self.world.courses["start"][int(state["scenario"])][:2].tolist()),
+        return self.around(state) | {
             "lookahead": lookahead,
             "reference": (float(a["x"] + along * a["ux"]), float(a["y"] + along * a["uy"])),
             "caption": (

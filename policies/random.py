@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs import goal_reaching, path_following
+from wayfield.envs import goal_reaching, path_following, trajectory_tracking
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies.parts.gain import Gains, gain
 from wayfield.system.checks import LAST_SEED
@@ -22,7 +22,9 @@ class Random(Gains):
     seed: int = gain(0, "1", "of the law's own random numbers", most=LAST_SEED)
 
     knows: ClassVar[str] = "sensors"
-    observes: ClassVar[tuple[type, ...]] = (path_following.Observation, goal_reaching.Observation)
+    observes: ClassVar[tuple[type, ...]] = (
+        path_following.Observation, trajectory_tracking.Observation, goal_reaching.Observation,
+    )  # fmt: skip
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns a generator for each robot, so that robot i acts alike in every batch that holds it."""

@@ -25,6 +25,14 @@ from wayfield.policies.poses.reeds_shepp_scan import ReedsSheppScan
 from wayfield.policies.poses.smooth_pose import SmoothPose
 from wayfield.policies.poses.waypoint import Waypoint
 from wayfield.policies.random import Random
+from wayfield.policies.references.backstepping import Backstepping
+from wayfield.policies.references.feedback_linear import FeedbackLinear
+from wayfield.policies.references.governed import Governed
+from wayfield.policies.references.kanayama import Kanayama
+from wayfield.policies.references.offset_point import OffsetPoint
+from wayfield.policies.references.pid_omni import PidOmni
+from wayfield.policies.references.samson import Samson
+from wayfield.policies.references.tv_lqr import TvLqr
 from wayfield.policies.scans.dwa import Dwa
 from wayfield.policies.scans.mppi import Mppi
 from wayfield.policies.scans.nav2_dwb import Nav2Dwb
@@ -45,7 +53,7 @@ from wayfield.policies.trained.team_scan import TeamScan
 from wayfield.policies.zero import Zero
 from wayfield.system.checks import choose
 
-PATHS, GOALS, DOCKS = "path-following", "goal-obstacles", "docking"  # contests
+PATHS, GOALS, DOCKS, TIMED = "path-following", "goal-obstacles", "docking", "trajectory-tracking"  # contests
 CROWDS = ("teams", "people")
 
 
@@ -119,6 +127,51 @@ ABOUT: dict[str, Listed] = {
         "Lam et al. 2010; Diehl et al. 2005",
         (PATHS,),
         protected="its plan; stops where no plan is found",
+    ),
+    "kanayama": Listed(
+        Kanayama,
+        "feedback of the error in the robot's frame, by a Lyapunov function",
+        "Kanayama et al. 1990",
+        (TIMED,),
+    ),
+    "samson": Listed(
+        Samson, "the same error, by poles of one damping at the reference's speed", "Samson 1993", (TIMED,)
+    ),
+    "offset_point": Listed(
+        OffsetPoint, "leads a point ahead of the axle after the reference's", "Siciliano et al. 2009", (TIMED,)
+    ),
+    "feedback_linear": Listed(
+        FeedbackLinear,
+        "dynamic feedback linearisation: poles of the error in the world",
+        "Oriolo et al. 2002",
+        (TIMED,),
+        searched=("a", "zeta"),
+        protected="the speed that it integrates",
+    ),
+    "backstepping": Listed(
+        Backstepping, "backstepping of the error ahead on the one aside", "Jiang and Nijmeijer 1997", (TIMED,)
+    ),
+    "governed": Listed(
+        Governed,
+        "samson, with a clock that waits for the base: stays on the path, comes late",
+        "Samson 1993; Garone et al. 2017",
+        (TIMED,),
+        searched=("zeta", "b", "c"),
+        protected="its reference's time",
+    ),
+    "tv_lqr": Listed(
+        TvLqr,
+        "time-varying LQR on the exact motion of a period",
+        "Anderson and Moore 1990",
+        (TIMED,),
+        protected="which period comes next",
+    ),
+    "pid_omni": Listed(
+        PidOmni,
+        "feed-forward and PI feedback, each direction by itself",
+        "Astrom and Hagglund 1995",
+        (TIMED,),
+        protected="the integral of its error",
     ),
     "mpc_pose": Listed(
         MpcPose,
@@ -267,7 +320,7 @@ ABOUT: dict[str, Listed] = {
         (GOALS,),
         protected="as the scan planner; brakes before what its base could not stop at",
     ),
-    "zero": Listed(Zero, "stands still: the floor", "", (DOCKS,)),
+    "zero": Listed(Zero, "stands still: the floor", "", (DOCKS, TIMED)),
     "random": Listed(Random, "random twists: the floor", "", (DOCKS,)),
 }
 

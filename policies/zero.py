@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs import goal_reaching, path_following
+from wayfield.envs import goal_reaching, path_following, trajectory_tracking
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies.parts.gain import Gains
 
@@ -16,7 +16,9 @@ class Zero(Gains):
     """Commands no motion, whatever it observes."""
 
     knows: ClassVar[str] = "sensors"
-    observes: ClassVar[tuple[type, ...]] = (path_following.Observation, goal_reaching.Observation)
+    observes: ClassVar[tuple[type, ...]] = (
+        path_following.Observation, trajectory_tracking.Observation, goal_reaching.Observation,
+    )  # fmt: skip
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns an empty memory."""

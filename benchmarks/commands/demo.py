@@ -14,11 +14,11 @@ from gymnasium.utils.seeding import np_random
 from wayfield.benchmarks.contests import ALL_CONTESTS
 from wayfield.benchmarks.entrants.documents import FLOOR
 from wayfield.benchmarks.report.page import Content, kernel_part, made, rendered
-from wayfield.benchmarks.report.worlds import DRAWS, World, plain
+from wayfield.benchmarks.report.worlds import DRAWS, IN_PAGE, World, plain
 from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios import splits
 from wayfield.envs.scenarios.goal_families import LARGEST_HULL
-from wayfield.envs.tasks.specs import CROWDS, EVERY
+from wayfield.envs.tasks.specs import CROWDS
 from wayfield.system.command_line import OneLineErrors
 from wayfield.system.storage import write_whole
 
@@ -58,7 +58,7 @@ CHALLENGES = [
 def worlds(families: Collection[str] = ()) -> list[World]:
     """Returns the first scenarios of the test split of some families, or of all that the page can drive in."""
     found = []
-    for spec in EVERY.values():
+    for spec in IN_PAGE.values():
         for family in splits.members(spec.name):
             if spec.families[family].needs_pymunk or (families and family not in families):
                 continue
@@ -75,7 +75,9 @@ def worlds(families: Collection[str] = ()) -> list[World]:
 def unable() -> dict[str, list[str]]:
     """Returns who enters a task's contest and cannot drive in the page, by the kind of its scenarios; floors aside."""
     able_there = kernel_part(set(ROBOTS), AGENTS_THERE)[0]["pilots"]
-    able = {(key.split()[0], key.split()[3]) for key in able_there} | {(spec, name) for spec in EVERY for name in FLOOR}
+    able = {(key.split()[0], key.split()[3]) for key in able_there} | {
+        (spec, name) for spec in IN_PAGE for name in FLOOR
+    }
     entered = {
         contest.spec.kind: dict.fromkeys(contest.policies, contest.spec.name)
         for contest in reversed(list(ALL_CONTESTS.values()))  # the task's own contest comes first

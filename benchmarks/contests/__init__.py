@@ -1,8 +1,8 @@
 """The contests: policies against each other on frozen test scenarios, on the user's own files, or in public benchmarks.
 
-One file a contest, with all that is its own: `path_following`, `goal_obstacles`, `docking`, and those of public
-benchmarks, whose files the user has: `barn`, `mrpb`, `movingai`,
-`racetracks`; `crowds` are those of several bodies. `contest` says what one is.
+One file a contest, with all that is its own: `path_following`, `goal_obstacles`, `docking`, `trajectory_tracking`, and
+those of public benchmarks, whose files the user has: `barn`, `mrpb`, `movingai`, `racetracks`; `crowds` are those of
+several bodies. `contest` says what one is.
 """
 
 from collections.abc import Mapping
@@ -36,6 +36,7 @@ from wayfield.benchmarks.contests.movingai import MOVINGAI
 from wayfield.benchmarks.contests.mrpb import MRPB
 from wayfield.benchmarks.contests.path_following import PATH_FOLLOWING
 from wayfield.benchmarks.contests.racetracks import RACETRACKS
+from wayfield.benchmarks.contests.trajectory_tracking import TRAJECTORY_TRACKING
 
 __all__ = [
     "ALL_CONTESTS",
@@ -76,7 +77,9 @@ __all__ = [
     "Score",
 ]
 
-CONTESTS: Mapping[str, Contest] = {contest.name: contest for contest in (PATH_FOLLOWING, GOAL_OBSTACLES, DOCKING)}
+CONTESTS: Mapping[str, Contest] = {
+    contest.name: contest for contest in (PATH_FOLLOWING, GOAL_OBSTACLES, DOCKING, TRAJECTORY_TRACKING)
+}
 OF_KIND: Mapping[str, Contest] = {contest.spec.kind: contest for contest in CONTESTS.values()}
 ALL_CONTESTS: Mapping[str, Contest] = {  # and those of public benchmarks
     **CONTESTS,

@@ -55,7 +55,7 @@ class OwnScenario:
     @property
     def is_path(self) -> bool:
         """Returns whether it is a path, beside which nothing stands."""
-        return self.contest.spec.observes == "path"
+        return self.contest.spec.on_path
 
     @functools.cached_property
     def tiered(self) -> Any:
@@ -99,7 +99,7 @@ def _own(file: str, scale: float | None, digest: str) -> OwnScenario:
     contest = OF_KIND[kind_of(file)]
     spec = contest.spec
     scenario: Any
-    if spec.observes != "path":
+    if not spec.on_path:
         if scale is not None:
             raise ValueError(f"--scale belongs to paths: the file holds a {spec.kind} scenario")
         (scenario,) = scenarios_of(spec, file, FINEST)
@@ -193,10 +193,7 @@ def own_courses(folder: str, scale: float | None, robot: AnyRobot) -> tuple[Cont
     files = sorted(file for file in Path(folder).iterdir() if file.suffix.lower() in SUFFIXES and file.name[0] != ".")
     if not files:
         raise ValueError(f"{folder!r} holds no scenarios: no {', '.join(SUFFIXES)} file")
-    own = [
-        own_scenario(str(file), scale if OF_KIND[kind_of(str(file))].spec.observes == "path" else None)
-        for file in files
-    ]
+    own = [own_scenario(str(file), scale if OF_KIND[kind_of(str(file))].spec.on_path else None) for file in files]
     kinds = {each.contest.spec.kind: file.name for each, file in zip(own, files, strict=True)}
     if len(kinds) > 1:
         found = " and ".join(f"a {kind} ({name})" for kind, name in kinds.items())

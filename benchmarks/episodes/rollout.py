@@ -197,6 +197,10 @@ def _along(
     along = dataclasses.replace(briefing, path=path._replace(path_index=np.full(len(states), scenario)))
     laps = task.scenarios[scenario].laps
     completion = float(states["arc_length"].max() / (run["length"] * max(laps, 1)))
+    timed: dict[str, Any] = {}
+    if briefing.reference is not None:
+        names = ("error_x", "error_y", "heading_error", "command_yaw_rate")
+        timed = {"tracked": np.column_stack([states[name] for name in names]), "floor": float(task.floors[scenario])}
     # on laps without end the environment knows no success: a lap kept inside the corridor is one
     success = flags["success"] if laps else completion >= 0.98 and not flags["left_corridor"]
     return dataclasses.replace(
@@ -211,4 +215,5 @@ def _along(
         path=np.column_stack([vertices["x"], vertices["y"]]),
         lap_length=float(run["length"]) if run["closed"] else 0.0,
         goals=np.array([end_pose]) if laps else np.empty((0, 3)),
+        **timed,
     )

@@ -38,6 +38,9 @@ class Trajectory:
     references: Array = dataclasses.field(
         default_factory=_nothing
     )  # (n + 1, 5) x, y, e_h, e_o and arc length of `Lookahead.errors`
+    # of a reference: (n + 1, 4) of it minus the robot x, y, heading in the robot's frame, then the commanded yaw rate
+    tracked: Array = dataclasses.field(default_factory=_nothing)
+    floor: float = math.nan  # m, RMS error of the regulator that proves it
     # the world
     path: Array = dataclasses.field(default_factory=_nothing)  # (k, 2) polyline; a closed one repeats its first point
     lap_length: float = 0.0  # of a closed path, else 0

@@ -15,13 +15,15 @@ from wayfield.benchmarks.runs.suite import Setting
 from wayfield.envs.robots import ROBOTS, Robot, robot_of
 from wayfield.envs.scenarios import TASKS, scenarios_of, spec_of, wall
 from wayfield.envs.scenarios.team_scenario import TeamScenario
-from wayfield.envs.tasks.specs import CROWDS
+from wayfield.envs.tasks.specs import CROWDS, EVERY
 from wayfield.envs.world.grids import NO_GRIDS, lay_grids
 from wayfield.system.readers import of_folder, reader
 from wayfield.system.reading import is_number
 from wayfield.system.storage import write_whole
 
 World = dict[str, Any]
+
+IN_PAGE = {name: spec for name, spec in EVERY.items() if spec.observes != "reference"}  # tasks that it has kernels of
 
 MOST_CELLS = 100_000  # bytes of a map's cells in a page; of a larger one the outline's walls are driven among
 MOST_BODIES, MOST_TRACKED = 64, 4_000  # bodies, and numbers of recorded ways, of a world that a page drives in
@@ -97,7 +99,7 @@ def plain(scenario: Any, steps: int) -> World:
         "start_offset": scenario.start_offset,
         "start_turn": scenario.start_turn,
     }
-    if spec.observes == "path":
+    if spec.on_path:
         return world | {
             "path": scenario.path.points.tolist(),
             "closed": scenario.path.closed,

@@ -19,6 +19,7 @@ from page_looks import Look, orca_of_team, orca_of_team_map
 
 from wayfield.benchmarks.contests import CONTESTS, FOUND, Contest
 from wayfield.benchmarks.contests.crowds import PEOPLE, TEAMS
+from wayfield.benchmarks.report.worlds import IN_PAGE
 from wayfield.envs import scenarios
 from wayfield.envs.batch import ALONE, Results
 from wayfield.envs.crowds.bodies import HULL, PLACE
@@ -28,7 +29,7 @@ from wayfield.envs.robots.disturbances import DISTURBANCES
 from wayfield.envs.robots.records import MAX_WHEELS
 from wayfield.envs.scenarios.goal_families import LARGEST_HULL
 from wayfield.envs.tasks.briefing import Briefing
-from wayfield.envs.tasks.specs import CROWDS, EVERY
+from wayfield.envs.tasks.specs import CROWDS
 from wayfield.envs.vector import NativeVectorEnv
 from wayfield.envs.world.geometry import OBSTACLE
 from wayfield.envs.world.grids import NO_GRIDS
@@ -231,7 +232,7 @@ def contest_of(task: str) -> Contest:
 def decisions(task: str) -> dict[str, Decision]:
     """Returns the compiled decisions of those that drive in the page in a task."""
     contest = contest_of(task)
-    known = AMONG_BODIES if task in CROWDS else ALONG_PATHS if contest.spec.observes == "path" else TO_POSES
+    known = AMONG_BODIES if task in CROWDS else ALONG_PATHS if contest.spec.on_path else TO_POSES
     return {name: each for name, each in known.items() if name in (*contest.policies, *OF_ANY_TASK)}
 
 
@@ -239,7 +240,7 @@ def look_of(task: str, name: str) -> Look | None:
     """Returns what the page draws of a policy's looking ahead in a task."""
     if task in CROWDS and name in LOOKS_AMONG_BODIES:
         return LOOKS_AMONG_BODIES[name]
-    return (LOOKS_ALONG_PATHS if contest_of(task).spec.observes == "path" else LOOKS_TO_POSES).get(name)
+    return (LOOKS_ALONG_PATHS if contest_of(task).spec.on_path else LOOKS_TO_POSES).get(name)
 
 
 def agents(task: str) -> tuple[str, ...]:
@@ -359,7 +360,7 @@ def predictions(task: str) -> list[tuple[Any, Any]]:
     """Returns the calls that predict for the first decision of a base that answers late."""
     robot = dataclasses.replace(ROBOTS[BASE], name=LATE, delay=(0.12, 0.16), response="continuous")
     env = environment(task, robot, "lagged", f"{contest_of(task).timed_on}/test")
-    policy = make("pure_pursuit" if contest_of(task).spec.observes == "path" else "polar")
+    policy = make("pure_pursuit" if contest_of(task).spec.on_path else "polar")
     return first_decision(env, policy, [(forward_prediction, name) for name in _PREDICTS])
 
 
@@ -880,7 +881,7 @@ def tables(robots: Sequence[str] = (), tiers: Sequence[str] = ()) -> dict[str, A
         },
         "records": {name: layout(each) for name, each in _RECORDS.items()},
     }
-    for task in EVERY:
+    for task in IN_PAGE:
         told["tasks"][task] = task_tables(task, blobs)
         contest = contest_of(task)
         for robot in robots or FITTING:
@@ -946,7 +947,7 @@ def jobs() -> list[tuple[str, str]]:
     """Returns what the functions of the module are found by: a task and a policy; "" for the task's own functions."""
     return [
         (task, name)
-        for task in EVERY
+        for task in IN_PAGE
         for name in ("", *decisions(task), *(() if task in CROWDS else (LATE,)), *agents(task))
     ]
 
@@ -970,7 +971,7 @@ def exports(task: str, policy: str) -> dict[str, Export]:
             export_of(LATE, name_of(kernel)): (kernel, leaves(names_of(kernel), values), values)
             for kernel, values in predictions(task)
         }
-    env = environment(task, "p3dx" if contest.spec.observes == "path" else "omni3", "lagged", timed_on)
+    env = environment(task, "p3dx" if contest.spec.on_path else "omni3", "lagged", timed_on)
     if policy:
         module, function, *_ = decisions(task)[policy]
         kernel, values = first_of(task, policy, make(policy), env)

@@ -84,7 +84,7 @@ def digest(spec: TaskSpec) -> str:
     told = hashlib.sha256()
     for family in spec.families:
         scenario = example(spec, family)
-        if spec.observes == "path":
+        if spec.on_path:
             numbers = scenario.path.points
         elif spec in CROWDS.values():
             people = [scenario.walks[name] for name in ("x", "y", "goal_x", "goal_y", "radius")]
@@ -104,7 +104,7 @@ def sheet(spec: TaskSpec) -> Figure:
         axis.axis("off")
     for axis, family in zip(axes.flat, spec.families, strict=False):
         scenario = example(spec, family)
-        if spec.observes == "path":
+        if spec.on_path:
             _path(axis, scenario)
         elif spec in CROWDS.values():
             _crowd(axis, scenario)

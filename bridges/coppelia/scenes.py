@@ -102,7 +102,7 @@ def _bank(spec: TaskSpec, name: str, conditions: Conditions) -> tuple[Any, ...]:
 
 def _scenario_world(spec: TaskSpec, name: str, index: int, conditions: Conditions) -> World:
     scenario = _chosen(_bank(spec, name, conditions), name, index)
-    return _path_world(scenario, conditions) if spec.observes == "path" else _goal_world(scenario, conditions)
+    return _path_world(scenario, conditions) if spec.on_path else _goal_world(scenario, conditions)
 
 
 def _world(

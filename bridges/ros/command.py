@@ -303,7 +303,7 @@ def _mission(name: str, robot: Robot, options: dict[str, Any]) -> Any:
                 )
             return AlongPath(policy, robot, None if path == "topic" else path)
         spec = next(each for each in EVERY.values() if each.kind == options["world"])
-        if spec.observes == "path":
+        if spec.on_path:
             raise ValueError("--env path needs --path FILE, or --path topic")
         angles = beams_of(robot, options["beams"])
         return ToGoal(policy, robot, spec, angles, period, options["tolerance"], options["turned"])

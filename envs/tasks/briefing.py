@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs.robots import Actuators, Robot
+from wayfield.envs.robots.references import References
 from wayfield.envs.tasks.observation import Layout
 from wayfield.envs.tasks.specs import TaskSpec
 from wayfield.envs.world.grids import NO_GRIDS, Grids, frames_of
@@ -62,17 +63,22 @@ class Surroundings(NamedTuple):
 
 
 # of each, the arrays with a row for each robot
-_ROWS = {"path": ("path_index",), "goal": Goals._fields, "map": ("obstacles", "counts", "frames")}
+_ROWS = {
+    "path": ("path_index",),
+    "reference": ("which",),
+    "goal": Goals._fields,
+    "map": ("obstacles", "counts", "frames"),
+}
 
 
 @dataclasses.dataclass(frozen=True)
 class Briefing:
     """What a robot may know before it starts, for a batch of b robots.
 
-    A policy that declares `sensors` or `bodies` finds None in `path`, `goal` and `map`; one that declares `path` or
-    `goal` finds those two where the task has them; only `map` is shown the map; `team_map` is the same of one who reads
-    the rows of all robots of a world, where others read their own. How near to its goal a robot has to come is told to
-    all; bodies that are in sight come with the observation.
+    A policy that declares `sensors` or `bodies` finds None in `path`, `reference`, `goal` and `map`; one that declares
+    `path` or `goal` finds those where the task has them; only `map` is shown the map; `team_map` is the same of one who
+    reads the rows of all robots of a world, where others read their own. How near to its goal a robot has to come is
+    told to all; bodies that are in sight come with the observation.
     """
 
     num_envs: int
@@ -86,6 +92,8 @@ class Briefing:
     position_tolerance: NDArray[np.float64] | None = None  # (b,) m, from the goal where it is reached; None on a path
     heading_tolerance: NDArray[np.float64] | None = None  # (b,) rad, off the goal's heading; None on a path
     path: Course | None = None
+    reference: References | None = None  # of a path with a clock
+    preview_spacing: float = 0.0  # s, between the samples of a reference's preview
     goal: Goals | None = None
     map: Surroundings | None = None
     team: int = 1  # robots of a world, whose rows lie together
@@ -107,7 +115,7 @@ class Briefing:
             return self
         if fields:
             return dataclasses.replace(self, map=None)
-        return dataclasses.replace(self, path=None, goal=None, map=None)
+        return dataclasses.replace(self, path=None, reference=None, goal=None, map=None)
 
     def part(self, rows: slice | NDArray[Any]) -> "Briefing":
         """Returns the briefing of some of the robots: a slice, indices or a mask."""

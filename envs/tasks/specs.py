@@ -94,7 +94,7 @@ class TaskSpec:
     title: str
     asks: str  # what a robot shall do
     kind: str  # "path", "goal" or "dock": what messages call its scenarios, and the field that tells a file of one
-    observes: str  # "path" or "goal": what its policies see of what is asked of them
+    observes: str  # "path", "reference" or "goal": what its policies see of what is asked of them
     module: str  # of wayfield.envs, that has its environments
     # the registered id for robots that are holonomic, and that are not: its stem is the class in the module, and
     # "Vector" behind it makes that of many robots
@@ -115,6 +115,11 @@ class TaskSpec:
         """Returns its scenarios, loaded on first access."""
         found: Repertoire = importlib.import_module(f"wayfield.envs.scenarios.{self.scenarios}").REPERTOIRE
         return found
+
+    @property
+    def on_path(self) -> bool:
+        """Returns whether its scenarios have a path, to be followed at any time or by a clock, and nothing beside."""
+        return self.observes != "goal"
 
     @property
     def scenario(self) -> type[Any]:
@@ -207,6 +212,23 @@ TASKS: Mapping[str, TaskSpec] = {
             cost=Cost("time", "time", "s", 1, 60.0),  # the whole clock
             failure="collision",
             failed="collided",
+        ),
+        TaskSpec(
+            name="trajectory_tracking",
+            suite="trajectory-tracking",
+            title="Trajectory tracking",
+            asks="be where a reference is, when it is there",
+            kind="reference",
+            observes="reference",
+            module="trajectory_tracking",
+            ids={False: "wayfield/DiffDriveTrajectoryTracking-v0", True: "wayfield/OmniTrajectoryTracking-v0"},
+            scenarios="reference_families",
+            tier_bounds=(0.5, 0.75),  # share of what a base can
+            clock=1200,
+            # a run that fails has left the tube of 1 m
+            cost=Cost("position_rms_after", "RMS error after 10 s", "m", 5, 1.0),
+            failure="left_corridor",
+            failed="left",
         ),
     )
 }

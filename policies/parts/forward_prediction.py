@@ -28,6 +28,7 @@ from wayfield.envs.robots.sensing import beam_directions
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.envs.world.paths import walk_to
 from wayfield.policies.parts.carrot import place_on_lap
+from wayfield.policies.parts.lead import AIM, read_ahead
 from wayfield.system.compiled import any_layout, compiled, inlined
 from wayfield.system.elementary import bearing, sin_cos, wrap_angle
 
@@ -100,6 +101,8 @@ class ForwardPrediction:
         self._model = record(MODEL, {str(name): numbers[str(name)] for name, *_ in MODEL})
         self._axes = list(robot.twist_axes)
         self._spacing = preview_spacing
+        # s, until the next command acts
+        self._late = periods * briefing.dt + rest + (0.5 * briefing.dt if self._model["continuous"][0] else 0.0)
         self._joined = 2.0 * robot.hull_radius
         self._states = np.zeros(briefing.num_envs, STATE)
         self._sent = np.zeros((briefing.num_envs, 3 * (num_requests(actuators.response, briefing.dt) + 1)))
@@ -145,6 +148,11 @@ class ForwardPrediction:
                 fields.heading_error,
                 fields.preview,
             )
+            return moved
+        if hasattr(fields, "reference_twist"):
+            seen = told.layout.unpack(np.array(observation, np.float64))
+            before, behind = ((each.error, each.reference_twist, each.preview) for each in (seen, fields))
+            view_reference(self._late, told.preview_spacing, steps, np.zeros(1, AIM), *before, *behind)
             return moved
         view(steps, fields.goal, fields.goal_heading_error)
         if hasattr(fields, "bodies"):
@@ -251,6 +259,39 @@ def view(steps, goals, turns):
         sine, cosine = sin_cos(steps[i, 2])
         goals[i, 0], goals[i, 1] = to_body_frame(steps[i, 0], steps[i, 1], sine, cosine, goals[i, 0], goals[i, 1])
         turns[i] = wrap_angle(turns[i] - steps[i, 2])
+
+
+@any_layout
+@compiled
+def view_reference(late, spacing, steps, aims, seen, seen_twists, seen_ahead, errors, twists, ahead):
+    """Fills what robots will observe of their references `late` s on, after steps (b, 3), of what they observe now.
+
+    Beyond the last sample a reference goes on by its twist there.
+    """
+    aim = aims[0]
+    last = twists.shape[1] - 1
+    most = ahead.shape[1] * spacing
+    for i in range(steps.shape[0]):
+        sine, cosine = sin_cos(steps[i, 2])
+        for j in range(ahead.shape[1] + 1):
+            at = j * spacing + late
+            read_ahead(seen, seen_twists, seen_ahead, i, min(at, most), spacing, aim)
+            x, y, turn = aim.x, aim.y, aim.turn
+            if at > most:
+                x, y, turn = integrate_arc(x, y, turn, aim.vx, aim.vy if last == 2 else 0.0, aim.yaw_rate, at - most)
+            x, y = to_body_frame(steps[i, 0], steps[i, 1], sine, cosine, x, y)
+            pose = x, y, wrap_angle(turn - steps[i, 2])
+            for c in range(3):
+                if j == 0:
+                    errors[i, c] = pose[c]
+                else:
+                    ahead[i, j - 1, c] = pose[c]
+            for c in range(last + 1):
+                v = aim.yaw_rate if c == last else aim.vx if c == 0 else aim.vy
+                if j == 0:
+                    twists[i, c] = v
+                else:
+                    ahead[i, j - 1, 3 + c] = v
 
 
 @compiled

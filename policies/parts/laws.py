@@ -1,14 +1,20 @@
 """Kinds of laws: what they are told, what they observe and what they need of a base, unless they say otherwise."""
 
+import dataclasses
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs import goal_reaching, path_following, team_worlds
+from wayfield.envs import goal_reaching, path_following, team_worlds, trajectory_tracking
 from wayfield.envs.tasks.briefing import Briefing
-from wayfield.policies.parts.gain import Gains
+from wayfield.policies.parts.gain import Gains, gain
+from wayfield.policies.parts.gain_estimate import estimate_gains
+from wayfield.policies.parts.lead import aims_of
+from wayfield.policies.parts.params import params
 from wayfield.policies.parts.policy import Policy
+from wayfield.policies.parts.sampled import check_stable
+from wayfield.policies.parts.steering import unicycle_twists
 from wayfield.policies.parts.stopping import Scan
 
 Array = NDArray[np.float64]
@@ -20,6 +26,42 @@ class PathLaw(Gains):
     knows: ClassVar[str] = "path"
     observes: ClassVar[tuple[type, ...]] = (path_following.Observation,)
     needs: ClassVar[tuple[str, ...]] = ()
+
+
+@dataclasses.dataclass(frozen=True)
+class ReferenceLaw(Gains):
+    """Follows a reference in time, as a unicycle, by what it observes of it, from where its command has an effect."""
+
+    lead: bool = gain(True, "", "whether it predicts where it and its reference are once a command has its effect")
+    estimate: float = gain(
+        0.0, "1", "rate at which gains of the reference's twist are estimated; 0: none are", least=0.0
+    )
+
+    knows: ClassVar[str] = "sensors"
+    observes: ClassVar[tuple[type, ...]] = (trajectory_tracking.Observation,)
+    needs: ClassVar[tuple[str, ...]] = ()
+
+    def reset(self, briefing: Briefing) -> NDArray[Any]:
+        """Returns a memory (b, 4): two estimated gains, and what the law keeps of its own.
+
+        Raises:
+            ValueError: if errors would grow with these gains on this base: `sampled.check_stable`.
+        """
+        check_stable(self, briefing)
+        return np.zeros((briefing.num_envs, 4))
+
+    def act(self, observation: trajectory_tracking.Observation, briefing: Briefing, memory: NDArray[Any]) -> Array:
+        """Returns the twists (b, t), m/s and rad/s."""
+        aims = aims_of(type(self).__name__, observation, briefing, self.lead)
+        if self.estimate > 0.0:
+            estimate_gains(aims, self.estimate, briefing.dt, memory)
+        twists = np.empty((len(aims), 2))
+        self.decide(params(self, briefing), aims, memory, twists)
+        return unicycle_twists(briefing.robot, twists[:, 0], twists[:, 1])
+
+    def decide(self, params: NDArray[np.void], aims: NDArray[np.void], memory: NDArray[Any], twists: Array) -> None:
+        """Fills the twists (b, 2), m/s and rad/s, for AIM records (b,)."""
+        raise NotImplementedError
 
 
 class GoalLaw(Gains):

@@ -6,7 +6,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs import goal_reaching, path_following
+from wayfield.envs import goal_reaching, path_following, trajectory_tracking
 from wayfield.envs.robots import ROBOTS, Robot
 from wayfield.envs.scenarios import TaskSpec
 from wayfield.envs.tasks.briefing import Briefing
@@ -36,7 +36,11 @@ class Policy(Protocol):
         """Returns body twists (b, t) in m/s and rad/s, t the robot's twist axes, for observations of shape (b, ...)."""
 
 
-_OBSERVED: Mapping[str, type] = {"path": path_following.Observation, "goal": goal_reaching.Observation}
+_OBSERVED: Mapping[str, type] = {
+    "path": path_following.Observation,
+    "reference": trajectory_tracking.Observation,
+    "goal": goal_reaching.Observation,
+}
 
 
 def observation_of(task: TaskSpec) -> type:

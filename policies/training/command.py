@@ -246,7 +246,7 @@ def _scores(row: Any, task: TaskSpec) -> str:
     cost = (
         "" if math.isnan(row["error"]) else f", {task.cost.name} {row['error']:.{task.cost.decimals}f} {task.cost.unit}"
     )
-    if task.observes == "path" and row["success"] < 1.0:  # it is a mean over all
+    if task.on_path and row["success"] < 1.0:  # it is a mean over all
         cost += f" (a failure counts as {task.cost.failure:g} {task.cost.unit})"
     return f"success {row['success']:.0%}, {task.failed} {row['collision']:.0%}{cost}, return {row['return']:.1f}"
 

@@ -23,7 +23,7 @@ MOST_LINES = 80  # of a function, without its docstring
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("system", "envs", "policies", "benchmarks", "bridges")
-LAWS = ("paths", "poses", "scans", "teams", "trained")  # rooms of policies
+LAWS = ("paths", "references", "poses", "scans", "teams", "trained")  # rooms of policies
 NO_LAWS = {"policies/scans/costmap"}
 FLOORS = {"policies/zero", "policies/random"}
 # Where a class of one task is asked for, and why that is no second notion of a task.

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 import wayfield  # noqa: F401  registers the environments
 from wayfield import policies
-from wayfield.envs import goal_reaching, path_following, team_worlds
+from wayfield.envs import goal_reaching, path_following, team_worlds, trajectory_tracking
 from wayfield.envs.robots import ROBOTS
 from wayfield.envs.tasks.briefing import KNOWS, Briefing
 from wayfield.envs.tasks.specs import TASKS
@@ -34,9 +34,11 @@ OMNI_PATH_ID = "wayfield/OmniPathFollowing-v0"
 DIFF_GOAL_ID = "wayfield/DiffDriveGoalObstacles-v0"
 IDS = [name for spec in TASKS.values() for name in spec.ids.values()]  # of one robot; teams have tests of their own
 IDS_OF = {path_following.Observation: (PATH_ID, OMNI_PATH_ID), goal_reaching.Observation: (GOAL_ID, DIFF_GOAL_ID)}
+TIMED_IDS = ("wayfield/DiffDriveTrajectoryTracking-v0", "wayfield/OmniTrajectoryTracking-v0")
+IDS_OF[trajectory_tracking.Observation] = TIMED_IDS
 IDS_OF[team_worlds.Observation] = ()  # tests/laws/test_crowds.py drives them
 # The law of document B is that of one kind of robot, and agents ship for the robots that they were trained on.
-OTHER_ROBOT = {("waypoint", DIFF_GOAL_ID)} | {
+OTHER_ROBOT = {("waypoint", DIFF_GOAL_ID), ("pid_omni", TIMED_IDS[0])} | {
     (name, env_id)
     for name in ("ppo", "hybrid")
     for task, env_id, robot in (("path_following", OMNI_PATH_ID, "omni3"), ("goal_reaching", GOAL_ID, "omni3"))
@@ -50,6 +52,7 @@ EVERY_PAIR = [
     if (name, env_id) not in OTHER_ROBOT
 ]
 ROBOTS_OF = {PATH_ID: ("p3dx",), OMNI_PATH_ID: ("omni3", "omni4"), GOAL_ID: ("omni3", "omni4"), DIFF_GOAL_ID: ("p3dx",)}
+ROBOTS_OF |= {TIMED_IDS[0]: ("p3dx",), TIMED_IDS[1]: ("omni3", "omni4")}
 every_policy = pytest.mark.parametrize("name", POLICIES)
 every_pair = pytest.mark.parametrize(("name", "env_id"), EVERY_PAIR, ids=[f"{a}-{b[9:-3]}" for a, b in EVERY_PAIR])
 
@@ -276,7 +279,7 @@ def test_a_policy_is_told_what_it_declares_and_no_more(env_id: str, knows: str, 
     env = make(env_id).unwrapped
     env.reset(seed=0)
     told = env.briefing(knows)
-    along = env_id in IDS_OF[path_following.Observation]
+    along = env_id in (*IDS_OF[path_following.Observation], *TIMED_IDS)
     own, other = (told.path, told.goal) if along else (told.goal, told.path)
     assert other is None
     assert (own is None) == (knows in ("sensors", "bodies"))

@@ -27,11 +27,10 @@ from wayfield.benchmarks.records.trajectory import Trajectory
 from wayfield.benchmarks.report import page
 from wayfield.benchmarks.report.__main__ import main
 from wayfield.benchmarks.report.page import Section, commit, rendered, write_page
-from wayfield.benchmarks.report.worlds import plain, read_worlds, worlds_of
+from wayfield.benchmarks.report.worlds import IN_PAGE, plain, read_worlds, worlds_of
 from wayfield.benchmarks.runs.suite import Setting
 from wayfield.envs.crowds.people import WALK
 from wayfield.envs.scenarios import TASKS, splits
-from wayfield.envs.tasks.specs import EVERY
 
 PAGE = Path(report.__path__[0]) / "page"
 
@@ -195,7 +194,7 @@ def test_the_demo_is_one_file_within_its_budget_that_asks_for_nothing(tmp_path: 
     assert len(text.encode()) <= demo.BUDGET
     assert re.findall(r'(?:src|href)="https?:', text) == []
     told, _ = payload(text)
-    assert {world["kind"] for world in told["worlds"]} == {spec.kind for spec in EVERY.values()}
+    assert {world["kind"] for world in told["worlds"]} == {spec.kind for spec in IN_PAGE.values()}
     refused = CliRunner().invoke(demo.main, ["--out", str(tmp_path / "absent" / "demo.html")])
     assert refused.exit_code == 1
     assert len(refused.output.splitlines()) == 1

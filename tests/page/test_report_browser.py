@@ -18,9 +18,9 @@ from PIL import Image
 from wayfield.benchmarks.commands import demo
 from wayfield.benchmarks.report import page
 from wayfield.benchmarks.report.page import Content, made, rendered
+from wayfield.benchmarks.report.worlds import IN_PAGE
 from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios import TASKS, scenarios_of
-from wayfield.envs.tasks.specs import EVERY
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 pytestmark = [
@@ -389,7 +389,7 @@ def test_runs_chosen_in_the_page_are_those_of_python(browser: Browser, files: di
             return str(value)
 
         for k in range(SETTINGS):
-            kind = list(EVERY.values())[k % len(EVERY)].kind
+            kind = list(IN_PAGE.values())[k % len(IN_PAGE)].kind
             told = [choose("scene", lambda each, kind=kind: each.startswith(f"{kind}: "))]
             told += [choose(label) for label in ("robot", "motors")]
             told.append(choose("policy", lambda each: not each.startswith("you,")))

@@ -1,0 +1,118 @@
+"""Time-varying LQR about a reference that is told, on the exact motion of a control period."""
+
+import dataclasses
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayfield.envs import trajectory_tracking
+from wayfield.envs.robots.references import References
+from wayfield.envs.scenarios.reference_proofs import regulator, wanted_twist
+from wayfield.envs.tasks.briefing import Briefing
+from wayfield.policies.parts.gain import Gains, gain
+from wayfield.policies.parts.params import plant
+from wayfield.system.compiled import any_layout, compiled
+from wayfield.system.elementary import sin_cos
+
+MEMORY = np.dtype([("period", np.int64)])  # of the reference, that comes next
+
+
+@dataclasses.dataclass(frozen=True)
+class TvLqr(Gains):
+    """The command after which the wheels turn as the reference does, less gains on what the base is off by.
+
+    With z the robot minus the reference in the reference's frame, behind it the twist that its wheels turn for minus
+    the reference's, v_k the reference's twist and d what the lag leaves of a deviation after a period:
+
+        u = c_k - K_k z_k,  c_k = (v_k+1 - d v_k) / (1 - d)
+
+    K_k minimises the sum of z'Qz + (u - c)'R(u - c) for the base's exact motion, linearised about the reference, by the
+    Riccati recursion backwards in time. It knows no limits: heavier weights on the error are nearer to the reference,
+    and swing for seconds where a start is off it. It is what proves a reference in `envs.scenarios.reference_proofs`.
+
+    Source: Anderson, Moore, Optimal Control: Linear Quadratic Methods, 1990, section 2.4.
+    """
+
+    q_place: float = gain(10.0, "1/m^2", "weight of the error in x and y", above=0.0, search=(1.0, 200.0))
+    q_heading: float = gain(1.0, "1/rad^2", "of the heading's", above=0.0, search=(0.1, 20.0))
+    r_speed: float = gain(1.0, "s^2/m^2", "of the command's speed off that of the reference", above=0.0)
+    r_turn: float = gain(0.5, "s^2/rad^2", "of its yaw rate", above=0.0, search=(0.05, 5.0))
+
+    knows: ClassVar[str] = "path"
+    observes: ClassVar[tuple[type, ...]] = (trajectory_tracking.Observation,)
+    needs: ClassVar[tuple[str, ...]] = ()
+
+    def reset(self, briefing: Briefing) -> NDArray[np.void]:
+        """Returns the memories (b,): each reference begins."""
+        self._gains(briefing)
+        return np.zeros(briefing.num_envs, MEMORY)
+
+    def act(
+        self, observation: trajectory_tracking.Observation, briefing: Briefing, memory: NDArray[np.void]
+    ) -> NDArray[np.float64]:
+        """Returns the twists (b, t), m/s and rad/s."""
+        assert briefing.reference is not None
+        gains, first = self._gains(briefing)
+        twists = np.empty((len(memory), len(briefing.robot.twist_axes)))
+        base = plant(briefing.robot, briefing.actuators, briefing.dt)
+        regulate(
+            base, briefing.robot.holonomic, gains, first, *briefing.reference, observation.twist, observation.error,
+            memory, twists,
+        )  # fmt: skip
+        return twists
+
+    def _gains(self, briefing: Briefing) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Returns the gains (n, t, 3 + t) of all samples that robots are on, and where those of each robot begin."""
+        assert briefing.reference is not None
+        told = briefing.reference
+        base = plant(briefing.robot, briefing.actuators, briefing.dt)
+        key = (self, id(told.samples), told.which.tobytes(), base.tobytes())
+        if key not in _MADE:
+            if len(_MADE) >= _MOST_MADE:
+                del _MADE[next(iter(_MADE))]
+            _MADE[key] = (told, *self._made(told, base, briefing.robot.holonomic))
+        return _MADE[key][1:]
+
+    def _made(self, told: References, base: NDArray[np.void], holonomic: bool) -> Any:
+        weights = np.array([self.q_place, self.q_place, self.q_heading])
+        prices = np.array([self.r_speed, self.r_speed, self.r_turn])
+        each, whose = np.unique(told.which, return_inverse=True)
+        found = [regulator(told.samples, told.times[k : k + 1], base, holonomic, weights, prices) for k in each]
+        return np.concatenate(found), np.cumsum([0, *map(len, found[:-1])])[whose]
+
+
+# by policy, references and robots' places among them; the references are kept, so that their ids stay theirs
+_MADE: dict[tuple[Any, ...], tuple[References, NDArray[np.float64], NDArray[np.int64]]] = {}
+_MOST_MADE = 16
+
+
+@any_layout
+@compiled
+def regulate(bases, holonomic, gains, first, samples, times, index, wheels, errors, memory, twists):
+    """Fills the (b, t) twists of `TvLqr.act`, and counts the periods of the memory."""
+    base = bases[0]
+    last = twists.shape[1] - 1
+    for i in range(twists.shape[0]):
+        run = times[index[i]]
+        k = memory[i].period
+        memory[i].period = k + 1
+        behind = k + 1
+        if k > run.last:
+            k = run.last - run.lap + 1 + (k - run.last - 1) % run.lap
+        if behind > run.last:
+            behind = run.last - run.lap + 1 + (behind - run.last - 1) % run.lap
+        here = samples[run.first + k]
+        cx, cy, cw = wanted_twist(base, here, samples[run.first + behind])
+        # the robot minus the reference, in the reference's frame
+        sine, cosine = sin_cos(errors[i, 2])
+        x = -cosine * errors[i, 0] - sine * errors[i, 1]
+        y = sine * errors[i, 0] - cosine * errors[i, 1]
+        for c in range(last + 1):
+            g = gains[first[i] + k, c]
+            away = g[0] * x + g[1] * y - g[2] * errors[i, 2]
+            away += g[3] * (wheels[i, 0] - here.vx)
+            if last == 2:
+                away += g[4] * (wheels[i, 1] - here.vy)
+            away += g[3 + last] * (wheels[i, last] - here.yaw_rate)
+            twists[i, c] = (cw if c == last else cx if c == 0 else cy) - away
