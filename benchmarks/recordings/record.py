@@ -194,10 +194,16 @@ def _folder(dataset: str) -> Path:
 
 @click.command("record", cls=OneLineErrors)
 @click.argument("names", metavar="POLICY...", nargs=-1, required=True)
-@click.option("--suite", type=Choice("--suite", CONTESTS), help="Needed where policies take part in several.")
-@click.option("--family", "families", multiple=True, help="Of scenarios; may be repeated.  [default: all]")
+@click.option("--suite", type=Choice("--suite", CONTESTS), help="Contest; needed if the policies can drive in several.")
+@click.option("--family", "families", multiple=True, help="Family of scenarios; may be repeated.  [default: all]")
 @click.option("--split", type=Choice("--split", SPLITS), default="train", show_default=True)
-@click.option("--episodes", type=click.IntRange(1, 10**7), default=100, show_default=True, help="Of the whole set.")
+@click.option(
+    "--episodes",
+    type=click.IntRange(1, 10**7),
+    default=100,
+    show_default=True,
+    help="Number of episodes in the whole data set.",
+)
 @click.option("--robot", type=RobotChoice("--robot"), default="p3dx", show_default=True)
 @click.option("--dynamics", type=Choice("--dynamics", ("kinematic", "pymunk")), default="kinematic", show_default=True)
 @click.option("--actuators", type=Choice("--actuators", ACTUATORS), default="lagged", show_default=True)
@@ -210,17 +216,23 @@ def _folder(dataset: str) -> Path:
     show_default=True,
     help="Standard deviation of the noise added to actions, as a share of the largest action.",
 )
-@click.option("--seed", type=SEED, default=0, show_default=True, help="Of the first episode; the next has the next.")
-@click.option("--dataset", help="Minari's name of the set.  [default: wayfield/SUITE/POLICY-ROBOT-v0]")
+@click.option(
+    "--seed",
+    type=SEED,
+    default=0,
+    show_default=True,
+    help="Seed of the first episode; the next episode has the next seed.",
+)
+@click.option("--dataset", help="Name of the data set in Minari.  [default: wayfield/SUITE/POLICY-ROBOT-v0]")
 @click.option(
     "--mcap",
     type=click.Path(path_type=Path, dir_okay=False),
-    help="Also writes the first episode as an MCAP file, for Foxglove.",
+    help="Also write the first episode to an MCAP file, for Foxglove.",
 )
 @click.option(
     "--force",
     is_flag=True,
-    help="Replaces a set of that name, and an MCAP file, if they were recorded by this command.",
+    help="Replace a data set of that name, and an MCAP file, that this command recorded.",
 )
 def main(
     names: tuple[str, ...],

@@ -633,33 +633,68 @@ def write_gains(file: Path, content: Mapping[str, Any]) -> None:
 
 @click.command("tune", cls=OneLineErrors)
 @click.argument("policy", metavar="POLICY", type=Choice("POLICY", SEARCHED))
-@click.option("--suite", type=Choice("--suite", TUNED_FOR), required=True, help="The contest to tune for.")
-@click.option("--robot", type=RobotChoice("--robot"), default="p3dx", show_default=True, help="Or a data sheet.")
-@click.option("--speed", type=Finite(0.05, 3.0), help=f"Target speed, m/s.  [default: the suite's, else {PACE:g}]")
-@click.option("--level", type=Choice("--level", LEVELS), default="none", show_default=True, help="The disturbance.")
+@click.option("--suite", type=Choice("--suite", TUNED_FOR), required=True, help="Contest whose scenarios are used.")
+@click.option(
+    "--robot",
+    type=RobotChoice("--robot"),
+    default="p3dx",
+    show_default=True,
+    help="A robot that ships, or a data sheet.",
+)
+@click.option("--speed", type=Finite(0.05, 3.0), help=f"Target speed, m/s.  [default: that of the suite, or {PACE:g}]")
+@click.option(
+    "--level", type=Choice("--level", LEVELS), default="none", show_default=True, help="Level of disturbance."
+)
 @click.option(
     "--also",
     type=Choice("--also", LEVELS),
     multiple=True,
-    help="A level that every set is driven under as well; with --ship the set is written for it, too.",
+    help="A second level under which every set of gains is run; --ship writes the set for it too.",
 )
 @click.option("--actuators", type=Choice("--actuators", ("ideal", "lagged", "slow")), default="lagged")
-@click.option("--frames", type=click.IntRange(min=1), default=2_000_000, show_default=True, help="Environment steps.")
-@click.option("--trials", type=click.IntRange(min=1), default=400, show_default=True, help="Sets to try, at most.")
-@click.option("--scenarios", type=click.IntRange(min=1), default=10, show_default=True, help="Of each family.")
-@click.option("--seed", type=SEED, default=0, show_default=True, help="Of the search.")
-@click.option("--range", "wider", metavar="GAIN=LOW:HIGH", multiple=True, help="Where a gain is searched.")
-@click.option("--from", "started_from", metavar="SET", multiple=True, help="A set to begin with: JSON.")
+@click.option(
+    "--frames",
+    type=click.IntRange(min=1),
+    default=2_000_000,
+    show_default=True,
+    help="Budget of the search, in environment steps.",
+)
+@click.option(
+    "--trials",
+    type=click.IntRange(min=1),
+    default=400,
+    show_default=True,
+    help="Maximum number of sets of gains to try.",
+)
+@click.option(
+    "--scenarios", type=click.IntRange(min=1), default=10, show_default=True, help="Scenarios of each family."
+)
+@click.option("--seed", type=SEED, default=0, show_default=True, help="Seed of the search.")
+@click.option(
+    "--range",
+    "wider",
+    metavar="GAIN=LOW:HIGH",
+    multiple=True,
+    help="Range in which a gain is searched; may be repeated.",
+)
+@click.option(
+    "--from",
+    "started_from",
+    metavar="SET",
+    multiple=True,
+    help="A set of gains to begin with, as JSON; may be repeated.",
+)
 @click.option(
     "--study",
     metavar="FILE",
-    help="Search together with other processes: a journal file, or a database's URL, for all of them the same; goes on "
-    "with what is there.",
+    help="Share the search with other processes, or continue it: a journal file, or the URL of a database.",
 )
-@click.option("--out", metavar="FILE", help="The gains file.  [default: results/gains/SUITE/POLICY_CONDITION.json]")
-@click.option("--ship", is_flag=True, help="Write them where the package keeps its gains.")
-@click.option("--force", is_flag=True, help="Replace the file if there is one.")
-@click.option("--workers", "count", type=click.IntRange(min=1), help="Processes.  [default: a core each, at most 4]")
+@click.option("--out", metavar="FILE", help="File to write.  [default: results/gains/SUITE/POLICY_CONDITION.json]")
+@click.option("--ship", is_flag=True, help="Write the gains into the package.")
+@click.option("--force", is_flag=True, help="Replace an existing file.")
+@click.option(
+    "--workers", "count", type=click.IntRange(min=1), help="Number of processes.  [default: number of cores, at most 4]"
+)
 @on_cluster
 def main(
     policy: str,
@@ -674,10 +709,10 @@ def main(
     count: int | None,
     **asked: Any,
 ) -> None:
-    """Searches the gains of POLICY for a robot, a target speed and a level of disturbance, and writes them.
+    """Searches the gains of POLICY for a robot, a target speed and a level of disturbance, and writes them to a file.
 
-    It searches on the training split of a suite and chooses on the whole validation split, goal seekers in drawn rooms
-    too; test scenarios are never touched.
+    The search runs on the training scenarios of a suite. The best sets are compared on all its validation scenarios,
+    those of goal seekers in random rooms too. Test scenarios are never used.
     """
     try:
         import optuna  # noqa: F401

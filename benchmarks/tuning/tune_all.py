@@ -38,12 +38,28 @@ def searches() -> Iterator[Wanted]:
 @click.command("tune_all", cls=OneLineErrors)
 @click.option("--suites", type=Names("--suites", CONTESTS), help="Comma-separated.  [default: all]")
 @click.option("--policies", "names", type=Names("--policies", SEARCHED), help="Comma-separated.  [default: all]")
-@click.option("--frames", type=click.IntRange(min=1), default=8_000_000, show_default=True, help="Of each search.")
-@click.option("--trials", type=click.IntRange(min=1), default=400, show_default=True, help="Sets to try, at most.")
-@click.option("--scenarios", type=click.IntRange(min=1), default=10, show_default=True, help="Of each family.")
-@click.option("--seed", type=SEED, default=0, show_default=True, help="Of the searches.")
-@click.option("--force", is_flag=True, help="Tune anew what ships already.")
-@click.option("--workers", "count", type=click.IntRange(min=1), default=1, show_default=True, help="Processes.")
+@click.option(
+    "--frames",
+    type=click.IntRange(min=1),
+    default=8_000_000,
+    show_default=True,
+    help="Environment steps of each search.",
+)
+@click.option(
+    "--trials",
+    type=click.IntRange(min=1),
+    default=400,
+    show_default=True,
+    help="Maximum number of sets of gains to try.",
+)
+@click.option(
+    "--scenarios", type=click.IntRange(min=1), default=10, show_default=True, help="Scenarios of each family."
+)
+@click.option("--seed", type=SEED, default=0, show_default=True, help="Seed of the searches.")
+@click.option("--force", is_flag=True, help="Tune again, even where gains ship.")
+@click.option(
+    "--workers", "count", type=click.IntRange(min=1), default=1, show_default=True, help="Number of processes."
+)
 @on_cluster
 def main(
     suites: tuple[str, ...] | None,

@@ -31,18 +31,18 @@ THROTTLED = (
 @click.command("identify", cls=OneLineErrors)
 @click.argument("log", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--robot", type=RobotChoice("--robot"), default="p3dx", show_default=True,
-              help="The base whose sheet holds what no log says, and what this one does not.")  # fmt: skip
+              help="A similar robot, or its data sheet: it provides what the log does not show.")  # fmt: skip
 @click.option("--cmd", default="/cmd_vel", show_default=True, help="Topic of the commands.")
 @click.option("--odom", default="/odom", show_default=True, help="Topic of the odometry.")
 @click.option("--truth", help="Topic of a true pose: Odometry or PoseStamped.")
-@click.option("--scan", default="/scan", show_default=True, help="Topic of scans, where there is one.")
+@click.option("--scan", default="/scan", show_default=True, help="Topic of the scan, if the log has one.")
 @click.option("--stamps", type=Choice("--stamps", STAMPS), default="auto", show_default=True,
-              help="Times: of headers, of arrival, or of headers where commands have them.")  # fmt: skip
-@click.option("--cut", is_flag=True, help="Fit a log with long gaps by its pieces.")
+              help="Source of times: headers, arrival, or headers if commands have them.")  # fmt: skip
+@click.option("--cut", is_flag=True, help="Fit the pieces between long gaps of the log.")
 @click.option("--split", type=Finite(0.2, 0.9), default=0.6, show_default=True,
-              help="Share of each 10 s of the drive that a second fit sees; it is tested on the rest.")  # fmt: skip
-@click.option("--out", type=click.Path(path_type=Path), help="The data sheet, .json.")
-@click.option("--report", type=click.Path(path_type=Path), help="A page with plots, .html.")
+              help="Share of each 10 s of the drive for a second fit, which is tested on the rest.")  # fmt: skip
+@click.option("--out", type=click.Path(path_type=Path), help="Data sheet to write (.json).")
+@click.option("--report", type=click.Path(path_type=Path), help="Report with plots to write (.html).")
 def main(
     log: tuple[Path, ...],
     robot: Robot,

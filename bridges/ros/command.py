@@ -111,9 +111,15 @@ class SimSettings:
 
 
 @click.command(cls=OneLineErrors)
-@click.option("--robot", type=RobotChoice("--robot"), default="turtlebot3", show_default=True, help="Or a data sheet.")
-@click.option("--env", "world", type=Choice("--env", WORLDS), default="goal", show_default=True, help="Kind of world.")
-@click.option("--scenario", default=None, help="A name, FAMILY or FAMILY/SPLIT, or a file. [default: rooms, of goals]")
+@click.option(
+    "--robot",
+    type=RobotChoice("--robot"),
+    default="turtlebot3",
+    show_default=True,
+    help="A robot that ships, or a data sheet.",
+)
+@click.option("--env", "world", type=Choice("--env", WORLDS), default="goal", show_default=True, help="Kind of scene.")
+@click.option("--scenario", default=None, help="A name, FAMILY, FAMILY/SPLIT or a file. [default: rooms, for goals]")
 @click.option("--dynamics", type=Choice("--dynamics", ("kinematic", "pymunk")), default="kinematic", show_default=True)
 @click.option("--actuators", type=Choice("--actuators", ACTUATORS), default="lagged", show_default=True)
 @click.option("--disturbance", type=Choice("--disturbance", DISTURBANCES), default="none", show_default=True)
@@ -122,43 +128,61 @@ class SimSettings:
     type=Choice("--pose-source", ("odometry", "ground_truth")),
     default="odometry",
     show_default=True,
-    help="Of odom: the encoders', or a localiser's.",
+    help="Pose in odom: from encoders, with drift, or the true one, as after localisation.",
 )
-@click.option("--seed", type=SEED, default=0, show_default=True, help="Of the scenario's draw, and of all noise.")
+@click.option("--seed", type=SEED, default=0, show_default=True, help="Seed of the scenario and of all noise.")
 @click.option(
-    "--rate", type=Finite(0.0), default=1.0, show_default=True, help="Times real time; 0: as fast as it goes."
+    "--rate",
+    type=Finite(0.0),
+    default=1.0,
+    show_default=True,
+    help="Speed, in times of real time; 0: as fast as possible.",
 )
-@click.option("--lockstep", type=Finite(0.0), default=0.0, help="Wait this long (s) for a command after each scan.")
-@click.option("--scan-rate", type=Finite(0.1, PERIODS), default=5.0, show_default=True, callback=_rate, help="Hz.")
-@click.option("--odom-rate", type=Finite(0.1, PERIODS), default=20.0, show_default=True, callback=_rate, help="Hz.")
+@click.option("--lockstep", type=Finite(0.0), default=0.0, help="Wait up to so long (s) for a command after each scan.")
+@click.option(
+    "--scan-rate", type=Finite(0.1, PERIODS), default=5.0, show_default=True, callback=_rate, help="Rate of scan, Hz."
+)
+@click.option(
+    "--odom-rate", type=Finite(0.1, PERIODS), default=20.0, show_default=True, callback=_rate, help="Rate of odom, Hz."
+)
 @click.option(
     "--angle-min",
     type=Finite(-2.0 * math.pi, 2.0 * math.pi),
     default=0.0,
     show_default=True,
-    help="rad, of the first beam: 0 as TurtleBot3's, -3.14159 as Nav2's default.",
+    help="Angle of the first beam, rad: 0 as on TurtleBot3, -3.14159 as Nav2's default.",
 )
 @click.option("--cmd-vel", type=Choice("--cmd-vel", ("auto", "twist", "stamped")), default="auto", show_default=True)
 @click.option(
-    "--timeout", type=Finite(0.05), default=0.5, show_default=True, help="s without a command until it brakes."
+    "--timeout",
+    type=Finite(0.05),
+    default=0.5,
+    show_default=True,
+    help="Time without a command until the base brakes, s.",
 )
-@click.option("--frames", default="odom,base_footprint,base_scan", show_default=True, help="ODOM,BASE,SCAN")
-@click.option("--beams", type=click.IntRange(8, 10_000), help="Of the scan. [default: the sheet's]")
-@click.option("--namespace", default="", help="Of all topics.")
-@click.option("--no-clock", is_flag=True, help="Publish no clock, and stamp by the wall; at --rate 1.")
 @click.option(
-    "--substeps", type=click.IntRange(1, 50), default=1, show_default=True, help="Of the clock: 5 makes it 100 Hz."
+    "--frames", default="odom,base_footprint,base_scan", show_default=True, help="Names of the frames: ODOM,BASE,SCAN."
+)
+@click.option("--beams", type=click.IntRange(8, 10_000), help="Number of beams. [default: that of the data sheet]")
+@click.option("--namespace", default="", help="Namespace of all topics.")
+@click.option("--no-clock", is_flag=True, help="Publish no clock, and stamp with the system clock; needs --rate 1.")
+@click.option(
+    "--substeps",
+    type=click.IntRange(1, 50),
+    default=1,
+    show_default=True,
+    help="Clock messages per step: 5 gives 100 Hz.",
 )
 @click.option(
     "--others",
     type=Choice("--others", POLICIES),
     default="orca_team",
     show_default=True,
-    help="Of --env team: who drives them.",
+    help="Policy of the other robots of --env team.",
 )
-@click.option("--record", "record", metavar="FILE.mcap", help="Record what is published, and cmd_vel.")
-@click.option("--for", "seconds", type=Finite(0.0), default=None, help="Stop after so many seconds of its own time.")
-@click.option("--start", type=Numbers("--start", 3, "X,Y,HEADING"), help="m, m, rad in the world.")
+@click.option("--record", "record", metavar="FILE.mcap", help="Record all published topics, and cmd_vel.")
+@click.option("--for", "seconds", type=Finite(0.0), default=None, help="Stop after so many seconds of simulated time.")
+@click.option("--start", type=Numbers("--start", 3, "X,Y,HEADING"), help="Start pose in the world, m and rad.")
 def sim(
     robot: Robot,
     world: str,
@@ -168,7 +192,7 @@ def sim(
     seconds: float | None,
     **asked: Any,
 ) -> None:
-    """A robot in one of our worlds as a ROS 2 node: scan, odom, clock, ground_truth, contact; drives by cmd_vel."""
+    """Simulates a robot as a ROS 2 node. Publishes scan, odom, clock, ground_truth and contact; reads cmd_vel."""
     named = tuple(each.strip() for each in frames.split(","))
     if len(named) != 3 or not all(named):
         raise click.UsageError(f"--frames {frames!r} must be three names: ODOM,BASE,SCAN")
@@ -218,26 +242,35 @@ def _by_distro(cmd_vel: str) -> str:
 
 
 _TALK = (
-    click.option("--timeout", type=Finite(0.05, 10.0), default=0.5, show_default=True, help="s without scan or odom."),
     click.option(
-        "--scan-pose", type=Numbers("--scan-pose", 3, "X,Y,HEADING"), default="0,0,0", help="Of the scanner, m."
+        "--timeout",
+        type=Finite(0.05, 10.0),
+        default=0.5,
+        show_default=True,
+        help="Time without scan or odom until the robot stops, s.",
+    ),
+    click.option(
+        "--scan-pose",
+        type=Numbers("--scan-pose", 3, "X,Y,HEADING"),
+        default="0,0,0",
+        help="Pose of the scanner on the robot, m and rad.",
     ),
     click.option(
         "--no-return",
         type=Choice("--no-return", NO_RETURN),
         default=None,
-        help="What 0 and NaN of the lidar mean: far (LDS-01) or unknown. [default: unknown, and a line]",
+        help="What ranges of 0 and NaN mean: far (LDS-01) or unknown. [default: unknown, with a message]",
     ),
-    click.option("--arm", is_flag=True, help="Drive at once; else it waits for true on arm."),
+    click.option("--arm", is_flag=True, help="Drive at once. Without it the robot waits for true on arm."),
     click.option(
         "--cmd-vel",
         type=Choice("--cmd-vel", ("auto", "twist", "stamped")),
         default="auto",
-        help="Type of commands. [default: by ROS_DISTRO, Twist up to jazzy]",
+        help="Type of cmd_vel. [default: by ROS_DISTRO, Twist up to jazzy]",
     ),
     click.option("--dry-run", is_flag=True, help="Publish on cmd_vel_dry: nothing moves."),
-    click.option("--namespace", default="", help="Of all topics."),
-    click.option("--base-frame", default="base_footprint", show_default=True, help="Of stamped commands."),
+    click.option("--namespace", default="", help="Namespace of all topics."),
+    click.option("--base-frame", default="base_footprint", show_default=True, help="Frame of stamped commands."),
     click.option("--record", "record", metavar="FILE.mcap", help="Record cmd_vel, odom and scan."),
 )
 
@@ -253,23 +286,49 @@ _BASE = "a base must stop by itself when commands end: a process that has died p
 
 @click.command(cls=OneLineErrors)
 @click.option("--policy", "name", type=Choice("--policy", POLICIES), default="vfh_plus", show_default=True)
-@click.option("--robot", type=RobotChoice("--robot"), default="turtlebot3", show_default=True, help="Or a data sheet.")
-@click.option("--gains", metavar="FILE", help="Of the policy, as `wayfield tune` writes them.")
-@click.option("--home", metavar="FOLDER", help="Of training runs, for --policy ppo.")
-@click.option("--env", "world", type=Choice("--env", WORLDS), default="goal", show_default=True, help="Of an agent.")
-@click.option("--goal", type=Numbers("--goal", 2, "X,Y,HEADING"), help="In odometry's frame; HEADING may be left out.")
-@click.option("--path", metavar="FILE", help="Points in odometry's frame; `topic`: those that come on path.")
-@click.option("--max-speed", type=Finite(0.0, min_open=True), help="m/s, less than the data sheet's.")
-@click.option("--max-yaw-rate", type=Finite(0.0, min_open=True), help="rad/s, less than the data sheet's.")
-@click.option("--tolerance", type=Finite(0.0, min_open=True), default=0.1, show_default=True, help="m, of a goal.")
-@click.option("--turned", type=Finite(0.0, min_open=True), default=0.1, show_default=True, help="rad, of its heading.")
-@click.option("--period", type=Finite(0.01, 1.0), default=0.05, show_default=True, help="s between decisions.")
 @click.option(
-    "--beams", type=click.IntRange(8, 10_000), help="That the policy sees. [default: the sheet's, 72 at least]"
+    "--robot",
+    type=RobotChoice("--robot"),
+    default="turtlebot3",
+    show_default=True,
+    help="A robot that ships, or a data sheet.",
+)
+@click.option("--gains", metavar="FILE", help="Gains of the policy: a file of `wayfield tune`.")
+@click.option("--home", metavar="FOLDER", help="Folder of your training runs, for --policy ppo.")
+@click.option(
+    "--env", "world", type=Choice("--env", WORLDS), default="goal", show_default=True, help="Task of an agent."
+)
+@click.option(
+    "--goal", type=Numbers("--goal", 2, "X,Y,HEADING"), help="Goal in odometry's frame, m and rad; HEADING is optional."
+)
+@click.option("--path", metavar="FILE", help="Path in odometry's frame; `topic`: from the topic path.")
+@click.option("--max-speed", type=Finite(0.0, min_open=True), help="Speed limit below that of the data sheet, m/s.")
+@click.option(
+    "--max-yaw-rate", type=Finite(0.0, min_open=True), help="Yaw rate limit below that of the data sheet, rad/s."
+)
+@click.option(
+    "--tolerance",
+    type=Finite(0.0, min_open=True),
+    default=0.1,
+    show_default=True,
+    help="Distance to the goal that counts as arrived, m.",
+)
+@click.option(
+    "--turned",
+    type=Finite(0.0, min_open=True),
+    default=0.1,
+    show_default=True,
+    help="Heading error that counts as arrived, rad.",
+)
+@click.option("--period", type=Finite(0.01, 1.0), default=0.05, show_default=True, help="Time between decisions, s.")
+@click.option(
+    "--beams",
+    type=click.IntRange(8, 10_000),
+    help="Beams that the policy gets. [default: those of the data sheet, at least 72]",
 )
 @_talking
 def drive(name: str, robot: Robot, **options: Any) -> None:
-    """A policy that drives a robot by ROS 2: scan and odom in, cmd_vel out. Disarmed until --arm, or true on arm."""
+    """Drives a robot by a policy: reads scan and odom, publishes cmd_vel. Disarmed until --arm, or true on arm."""
     module = nodes()
     mission, heading = _mission(name, robot, options), options["goal"]
     goal = None if heading is None else Goal("", *heading)
@@ -343,16 +402,34 @@ def _run(
 
 
 @click.command(cls=OneLineErrors)
-@click.option("--robot", type=RobotChoice("--robot"), default="turtlebot3", show_default=True, help="For its hull.")
-@click.option("--top-speed", type=Finite(0.0, 20.0, min_open=True), default=0.2, show_default=True, help="m/s")
-@click.option("--top-yaw-rate", type=Finite(0.0, 20.0, min_open=True), default=1.0, show_default=True, help="rad/s")
+@click.option(
+    "--robot",
+    type=RobotChoice("--robot"),
+    default="turtlebot3",
+    show_default=True,
+    help="Your robot or its data sheet: for the hull.",
+)
+@click.option(
+    "--top-speed",
+    type=Finite(0.0, 20.0, min_open=True),
+    default=0.2,
+    show_default=True,
+    help="Top speed of the base, m/s.",
+)
+@click.option(
+    "--top-yaw-rate",
+    type=Finite(0.0, 20.0, min_open=True),
+    default=1.0,
+    show_default=True,
+    help="Top yaw rate of the base, rad/s.",
+)
 @click.option("--seconds", type=Finite(20.0, 600.0), default=60.0, show_default=True)
 @click.option(
-    "--space", type=Finite(0.2, 100.0), default=2.0, show_default=True, help="m from its start, ahead or back."
+    "--space", type=Finite(0.2, 100.0), default=2.0, show_default=True, help="Free space ahead and behind, m."
 )
 @_talking
 def excite(robot: Robot, top_speed: float, top_yaw_rate: float, seconds: float, space: float, **options: Any) -> None:
-    """Drives what a base can be identified from: steps, reversals, more than its top speed, ramps, a chirp."""
+    """Drives a test run that identifies the base: steps, reversals, more than its top speed, ramps, a chirp."""
     module = nodes()
     parts, factor = script(top_speed, top_yaw_rate, seconds, space)
     mission = Script(parts, robot, space)

@@ -152,8 +152,8 @@ def on_cluster(function: _Command) -> _Command:
     return click.option(
         "--cluster",
         metavar="ADDRESS",
-        help="Share the work out by a scheduler of Dask distributed, such as tcp://host:8786; local: by one that is "
-        "started here, with as many processes as would work without it.",
+        help="Distribute the work over the scheduler of a Dask cluster, such as tcp://host:8786; local: start a "
+        "scheduler on this machine, with the usual number of processes.",
         expose_value=False,
         callback=kept,
     )(function)

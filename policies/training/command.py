@@ -73,17 +73,27 @@ def _setting(value: Any) -> str:
 
 @click.command(cls=_Train, name="train")
 @click.argument("env_id", required=False)
-@click.option("--preset", "name", help=f"Task, reward and algorithm: {', '.join(PRESETS)}; default: the environment's.")
-@click.option("--robot", metavar="NAME|FILE.json", help="The robot, in place of the preset's.")
-@click.option("--steps", type=int, help="Training steps, in place of the preset's.")
-@click.option("--seed", type=SEED, default=0, show_default=True, help="The first seed.")
-@click.option("--seeds", type=click.IntRange(1, MOST_SEEDS), default=1, show_default=True, help="Runs, side by side.")
 @click.option(
-    "--out", type=click.Path(path_type=Path, file_okay=False), help="Folder; default: results/training/PRESET."
+    "--preset", "name", help=f"Task, reward and algorithm: {', '.join(PRESETS)}; default: that of the environment."
 )
-@click.option("--resume", is_flag=True, help="Go on with the runs in the folder.")
-@click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="A value of the preset; may be repeated.")
-@click.option("--settings", "listing", is_flag=True, help="List the keys of --set with defaults and ranges, and end.")
+@click.option("--robot", metavar="NAME|FILE.json", help="Robot, instead of the preset's.")
+@click.option("--steps", type=int, help="Training steps, instead of the preset's.")
+@click.option("--seed", type=SEED, default=0, show_default=True, help="First training seed.")
+@click.option(
+    "--seeds",
+    type=click.IntRange(1, MOST_SEEDS),
+    default=1,
+    show_default=True,
+    help="Number of training seeds, run in parallel.",
+)
+@click.option(
+    "--out", type=click.Path(path_type=Path, file_okay=False), help="Folder to write; default: results/training/PRESET."
+)
+@click.option("--resume", is_flag=True, help="Continue the runs in the folder.")
+@click.option(
+    "--set", "settings", multiple=True, metavar="KEY=VALUE", help="Change a setting of the preset; may be repeated."
+)
+@click.option("--settings", "listing", is_flag=True, help="List the keys of --set with defaults and ranges, and exit.")
 @on_cluster
 def main(
     env_id: str | None,
@@ -99,9 +109,9 @@ def main(
 ) -> None:
     """Trains an agent on ENV_ID, such as wayfield/DiffDrivePathFollowing-v0, by PPO or the algorithm of its preset.
 
-    In the folder: a folder seed_N for every seed, with best/ (the agent that did best on validation scenarios),
-    last.safetensors and previous.safetensors (to go on from), curve.csv and tensorboard/; and curves.png of all seeds.
-    Ctrl-C and SIGTERM save.
+    It writes curves.png and, for each seed, a folder seed_N with best/ (the agent that did best in validation),
+    last.safetensors and previous.safetensors (to continue from), curve.csv and tensorboard/. You can stop it with
+    Ctrl-C or SIGTERM and continue with --resume.
     """
     if f"wayfield/{env_id}" in preset_ids():
         env_id = f"wayfield/{env_id}"
