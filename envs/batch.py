@@ -1,6 +1,5 @@
 """The step order, written once: a batch of robots of one task, whether it holds one robot or thousands."""
 
-import importlib
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -11,12 +10,11 @@ from wayfield.envs.robots.sensing import BEAM_NOISE_COLUMN, ROOM, Lidar, beam_di
 from wayfield.envs.tasks import constraints
 from wayfield.envs.tasks.briefing import KNOWS, MAPPED, Briefing, Surroundings
 from wayfield.envs.tasks.stepping import COMMAND, DRIVE, JUDGE
-from wayfield.envs.tasks.task import PLANTS, Task
+from wayfield.envs.tasks.task import PLANTS, Task, plant_class
 from wayfield.envs.world.geometry import OBSTACLE
 from wayfield.envs.world.grid_scans import SCRATCH, WORDS, scan_grid
 from wayfield.system.checks import choose, memory, shown
 from wayfield.system.compiled import machine_code
-from wayfield.system.extras import installs
 from wayfield.system.sharing import PART
 from wayfield.system.threads import thread_pool
 
@@ -52,24 +50,6 @@ class Results:
         if self.constraints.shape[1]:
             found |= zip(constraints.NAMES, (self.constraints, self.violated), strict=True)
         return found
-
-
-def _plant(task: Task, num_envs: int) -> Any:
-    """Returns the plant that drives beside the compiled step; None where that has its own.
-
-    Raises:
-        ModuleNotFoundError: without the extra that it needs.
-    """
-    dynamics = task.options.dynamics
-    if dynamics not in PLANTS:
-        return None
-    module, name, extra = PLANTS[dynamics]
-    try:
-        return getattr(importlib.import_module(module), name)(task, num_envs)
-    except ModuleNotFoundError as error:
-        if extra is None:
-            raise
-        raise ModuleNotFoundError(f'dynamics="{dynamics}" needs {error.name}: {installs(extra)}') from None
 
 
 class Batch:
@@ -129,7 +109,8 @@ class Batch:
             task.reset_rows,
             *(task.params, self.states, self.obstacles, _FIRST, draws, self.noise, *task.world, *self.own, *outputs),
         )
-        self.plant = _plant(task, num_envs)
+        dynamics = task.options.dynamics
+        self.plant: Any = plant_class(dynamics)(task, num_envs) if dynamics in PLANTS else None
         self._phases = COMMAND | DRIVE | JUDGE if self.plant is None else COMMAND
 
     def __reduce__(self) -> tuple[Any, ...]:

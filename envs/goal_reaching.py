@@ -424,7 +424,9 @@ class GoalArguments(PlantArguments, ScanArguments):
         truth("end_on_success", self.end_on_success)
         truth("end_on_contact", self.end_on_contact)
         if not self.end_on_contact and self.dynamics == "kinematic":
-            raise ValueError('end_on_contact=False needs dynamics="pymunk": without forces no contact can be survived')
+            raise ValueError(
+                'end_on_contact=False needs dynamics="pymunk" or "mujoco": without forces no contact can be survived'
+            )
 
 
 class GoalReaching(Task):

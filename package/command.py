@@ -53,6 +53,7 @@ COMMANDS = {
         "compile all kernels now, for an image or a class",
         "compile",
     ),
+    "robot": _Command("wayfield.benchmarks.commands.robot", "evaluate", "write a robot as MuJoCo's model", "robot"),
     "robots": _Command("wayfield.benchmarks.commands.lists", "evaluate", "list robots and their limits", "robots"),
 }
 

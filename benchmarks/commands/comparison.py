@@ -24,6 +24,7 @@ from wayfield.benchmarks.runs.payloads import sent
 from wayfield.benchmarks.runs.shards import played
 from wayfield.benchmarks.runs.suite import Setting
 from wayfield.envs.robots import ACTUATORS, AnyRobot, robot_of
+from wayfield.envs.tasks.task import IN_PROCESS
 from wayfield.policies.registry import RENAMED
 from wayfield.system import checks
 from wayfield.system.executors import Executor, Failed
@@ -87,7 +88,7 @@ def compare(
             are in its `done`.
     """
     for field, value, choices in (
-        ("dynamics", dynamics, ("kinematic", "pymunk")),
+        ("dynamics", dynamics, IN_PROCESS),
         ("actuators", actuators, ACTUATORS),
         ("gains", gains, GAINS),
     ):

@@ -40,13 +40,14 @@ from wayfield.benchmarks.runs.suite import WORST, Setting
 from wayfield.envs.robots import ROBOTS, Robot
 from wayfield.envs.robots.disturbances import LEVELS
 from wayfield.envs.scenarios import splits
+from wayfield.envs.tasks.task import IN_PROCESS, PLANTS, plant_class
 from wayfield.policies.parts.policy import check_robot
 from wayfield.policies.pilot import Pilot
 from wayfield.policies.registry import POLICIES, RENAMED
 from wayfield.system.executors import cores
 
 DOCUMENTS = "documents"
-DYNAMICS = {"kinematic": ("kinematic",), "pymunk": ("pymunk",), "both": ("kinematic", "pymunk")}
+DYNAMICS = {**{each: (each,) for each in IN_PROCESS}, "both": ("kinematic", "pymunk")}
 KEPT = {"worst": WORST, "all": None}
 QUICK = "quick"
 QUICK_POLICIES = (
@@ -211,6 +212,11 @@ class Options:
             raise WrongOption(f"suite {OVERVIEW} takes no options but --out, --seed, --workers, --cluster")
         if self.dynamics == "both" and self.kind in _CONTESTS:
             raise WrongOption("dynamics both belongs to the documents; a contest is run on one plant")
+        if self.dynamics is not None and self.dynamics in PLANTS:
+            try:
+                plant_class(self.dynamics)
+            except ImportError as error:
+                raise WrongOption(str(error)) from None
         if self.kind in PUBLIC:
             self._check_public()
         for name, suite in (("cross", "teams"), ("people", "people")):
@@ -330,7 +336,7 @@ class Options:
             if not where:
                 raise WrongOption(f"families {family!r} has no scenarios for suite {self.suite!r}")
             if not any(family in contest.families(plant, (family,)) for contest in where for plant in self.plants):
-                raise WrongOption(f"families {family!r} has obstacles that are pushed: use --dynamics pymunk")
+                raise WrongOption(f"families {family!r} has obstacles that are pushed: use --dynamics pymunk or mujoco")
 
     def _check_hull(self, contests: list[Contest]) -> None:
         """Refuses a robot for which the frozen scenarios of a contest were never searched for a way."""

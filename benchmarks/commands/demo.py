@@ -60,7 +60,7 @@ def worlds(families: Collection[str] = ()) -> list[World]:
     found = []
     for spec in IN_PAGE.values():
         for family in splits.members(spec.name):
-            if spec.families[family].needs_pymunk or (families and family not in families):
+            if spec.families[family].needs_forces or (families and family not in families):
                 continue
             seeds = FEW if spec.name in CROWDS else SEEDS
             for seed, scenario in enumerate(splits.split(spec.name, family, "test")[:seeds]):

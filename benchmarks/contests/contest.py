@@ -263,7 +263,7 @@ class Contest:
     def families(self, dynamics: str, wanted: Collection[str] | None = None) -> tuple[str, ...]:
         """Returns those of the wanted families that a plant can show, by default of the newest version of "all"."""
         every = members(self.spec.name) if wanted is None else (each for each in self.spec.families if each in wanted)
-        return tuple(each for each in every if dynamics == "pymunk" or not self.spec.families[each].needs_pymunk)
+        return tuple(each for each in every if dynamics != "kinematic" or not self.spec.families[each].needs_forces)
 
     def course(self, family: str, split: str, robot: AnyRobot) -> Course:
         """Returns a family of a frozen split for a robot: of its hull class, where its hull asks for one."""

@@ -131,7 +131,7 @@ def place_options(command: Callable[..., Any]) -> Callable[..., Any]:
         click.option("--index", type=click.IntRange(min=0), help="The scenario of its bank.  [default: drawn]"),
         click.option("--robot", type=RobotChoice("--robot"), help="As `wayfield robots` lists them, or a data sheet."),
         click.option("--actuators", metavar="TIER", default="lagged", show_default=True, help="ideal, lagged or slow."),
-        click.option("--dynamics", metavar="PLANT", help="kinematic, pymunk or coppelia."),
+        click.option("--dynamics", metavar="PLANT", help="kinematic, pymunk, mujoco or coppelia."),
         click.option("--disturbance", metavar="LEVEL", help='From "light" to "severe".'),
         click.option("--set", "settings", multiple=True, metavar=_SETTING, help="Another argument of the environment."),
         click.option("--seed", type=SEED, default=0, show_default=True, help="Of the episode."),

@@ -34,6 +34,7 @@ from wayfield.envs.robots import ACTUATORS, Robot
 from wayfield.envs.robots.disturbances import LEVELS
 from wayfield.envs.robots.robot_option import RobotChoice
 from wayfield.envs.scenarios.splits import SPLITS
+from wayfield.envs.tasks.task import IN_PROCESS
 from wayfield.policies.training.recorded import KEY
 from wayfield.system.command_line import SEED, Choice, OneLineErrors, say, words_given
 from wayfield.system.extras import installs
@@ -205,7 +206,7 @@ def _folder(dataset: str) -> Path:
     help="Number of episodes in the whole data set.",
 )
 @click.option("--robot", type=RobotChoice("--robot"), default="p3dx", show_default=True)
-@click.option("--dynamics", type=Choice("--dynamics", ("kinematic", "pymunk")), default="kinematic", show_default=True)
+@click.option("--dynamics", type=Choice("--dynamics", IN_PROCESS), default="kinematic", show_default=True)
 @click.option("--actuators", type=Choice("--actuators", ACTUATORS), default="lagged", show_default=True)
 @click.option("--disturbance", type=Choice("--disturbance", LEVELS), default="none", show_default=True)
 @click.option("--gains", type=Choice("--gains", ("default", "tuned", "best")), default="best", show_default=True)

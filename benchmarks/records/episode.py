@@ -53,7 +53,7 @@ CONDITIONS = (
     Column("policy", str, "", "policy"),
     Column("gains_name", str, "", "origin of the gains: default, tuned, robust, hand-tuned, paper, trained"),
     Column("gains", str, "", "gains that differ from the policy's defaults"),
-    Column("dynamics", str, "", "plant: kinematic, pymunk or coppelia"),
+    Column("dynamics", str, "", "plant: kinematic, pymunk, mujoco or coppelia"),
     Column("actuators", str, "", "tier of the actuators"),
     Column("seed", int, "", "seed of the episode"),
     Column("episode", int, "", "number of the episode in its case; in contests the number of the scenario"),

@@ -28,7 +28,7 @@ class Body:
     """A robot in one of our worlds, stepped by control periods.
 
     Goals are nothing to it and contact ends nothing: the kinematic hull stands where it touches until it is driven
-    away, and with pymunk things are pushed. In a team it is the first robot; a policy drives the others, which stay
+    away, and with forces things are pushed. In a team it is the first robot; a policy drives the others, which stay
     where they have arrived. People walk by the laws of their scenario.
 
     Args:
@@ -73,7 +73,7 @@ class Body:
             options |= {"parks": True, "sees": "bodies" if law.knows == "bodies" else "scan"}
         else:
             options["dynamics"] = dynamics
-        if dynamics == "pymunk" and spec.observes == "goal":
+        if dynamics != "kinematic" and spec.observes == "goal":
             options["end_on_contact"] = False
         if beams is not None and spec.observes == "goal":
             options["num_beams"] = beams

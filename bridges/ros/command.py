@@ -23,7 +23,7 @@ from wayfield.envs.robots import ACTUATORS, Robot
 from wayfield.envs.robots.disturbances import DISTURBANCES
 from wayfield.envs.robots.robot_option import RobotChoice
 from wayfield.envs.tasks.specs import EVERY
-from wayfield.envs.tasks.task import CONTROL_PERIOD
+from wayfield.envs.tasks.task import CONTROL_PERIOD, IN_PROCESS
 from wayfield.policies import POLICIES, NoCruisingSpeed, cruising, make
 from wayfield.policies.parts.tuned import read_gains
 from wayfield.system.checks import printable
@@ -120,7 +120,7 @@ class SimSettings:
 )
 @click.option("--env", "world", type=Choice("--env", WORLDS), default="goal", show_default=True, help="Kind of scene.")
 @click.option("--scenario", default=None, help="A name, FAMILY, FAMILY/SPLIT or a file. [default: rooms, for goals]")
-@click.option("--dynamics", type=Choice("--dynamics", ("kinematic", "pymunk")), default="kinematic", show_default=True)
+@click.option("--dynamics", type=Choice("--dynamics", IN_PROCESS), default="kinematic", show_default=True)
 @click.option("--actuators", type=Choice("--actuators", ACTUATORS), default="lagged", show_default=True)
 @click.option("--disturbance", type=Choice("--disturbance", DISTURBANCES), default="none", show_default=True)
 @click.option(

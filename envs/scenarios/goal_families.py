@@ -475,7 +475,9 @@ GOAL_FAMILIES: Mapping[str, Family] = {
             moving=True,
         ),
         _family("moving_crowd", "8 to 30 discs that go to and fro in the square", _crowd, moving=True),
-        _family("push_boxes", 'boxes that can be pushed, for dynamics="pymunk"', _push_boxes, needs_pymunk=True),
+        _family(
+            "push_boxes", 'boxes that can be pushed, for dynamics="pymunk" or "mujoco"', _push_boxes, needs_forces=True
+        ),
     )
 }
 

@@ -47,7 +47,7 @@ def split(task: str, family: str, name: str) -> tuple[Any, ...]:
         _check_class(task, family, name, hull)
     if family not in EVERY[task].families:
         version = int(family.removeprefix("all_")) if family != "all" else None
-        every = (each for each in members(task, version) if not EVERY[task].families[each].needs_pymunk)
+        every = (each for each in members(task, version) if not EVERY[task].families[each].needs_forces)
         return tuple(scenario for each in every for scenario in split(task, each, f"{name}{at}{hull}"))
     if at:
         return _of_class(task, family, name, float(hull))
@@ -58,7 +58,7 @@ def _check_class(task: str, family: str, name: str, text: str) -> None:
     """Raises ValueError if a text names no hull class, or a family has none."""
     spec = EVERY[task]
     largest = spec.repertoire.largest_hull
-    if spec.repertoire.size is None or (family in spec.families and spec.families[family].needs_pymunk):
+    if spec.repertoire.size is None or (family in spec.families and spec.families[family].needs_forces):
         hulls = f"hulls of at most {largest:g} m" if largest < math.inf else "every hull"
         raise ValueError(
             f"{family}/{name} has no hull class {shown('@' + text)}: its scenarios are for {hulls}; goals have "

@@ -47,6 +47,7 @@ class Arguments:
 
     dynamics: ClassVar[str] = "kinematic"
     address: ClassVar[str | None] = None
+    wheels: ClassVar[str | None] = None
 
     def options(self, robots: tuple[str, ...]) -> Options:
         """Returns those that all tasks share, looked up and checked, of an environment for these robots."""
@@ -65,10 +66,15 @@ class PlantArguments(Arguments):
     """What an environment takes whose robot may be driven by a plant with forces, too."""
 
     dynamics: str = argument(  # type: ignore[misc]
-        "kinematic", '"pymunk": mass, wheel slip, contacts, pushable obstacles; "coppelia": a running CoppeliaSim'
+        "kinematic",
+        '"pymunk": mass, wheel slip, contacts, pushable obstacles; "mujoco": the same in MuJoCo, in three dimensions; '
+        '"coppelia": a running CoppeliaSim',
     )
     address: str | None = argument(  # type: ignore[misc]
         None, "host:port of the CoppeliaSim; None: $WAYFIELD_COPPELIA, or localhost:23000"
+    )
+    wheels: str | None = argument(  # type: ignore[misc]
+        None, 'of MuJoCo\'s model: "cylinders" or "points"; of omni bases "anisotropic" or "rollers"'
     )
 
 

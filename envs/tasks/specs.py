@@ -43,7 +43,7 @@ class Family:
     goal_room: float = 0.1  # m, at least, between the largest hull at its goal and what stands
     walled: bool = False  # whether walls part a team from its goals
     moving: bool = False  # whether obstacles move
-    needs_pymunk: bool = False  # the kinematic plant cannot show it; left out of "all"
+    needs_forces: bool = False  # the kinematic plant cannot show it; left out of "all"
 
 
 @dataclasses.dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 import abc
 import dataclasses
+import importlib
 import math
 from collections.abc import Callable, Collection, Mapping
 from typing import Any, ClassVar, NamedTuple
@@ -16,6 +17,7 @@ from wayfield.envs.tasks.observation import Layout
 from wayfield.envs.tasks.specs import TaskSpec
 from wayfield.envs.world.grids import NO_GRIDS, Grids
 from wayfield.system.checks import FARTHEST_SHOVE, LONGEST, MOST_NOISE, choose, heading, number, real, shown, truth
+from wayfield.system.extras import installs
 
 CONTROL_PERIOD = 0.05  # s
 
@@ -35,6 +37,7 @@ class Options:
     dt: float = CONTROL_PERIOD
     address: str | None = None  # host:port of the simulator, of the plant that has one
     constraints: bool = False  # whether the info has their values
+    wheels: str | None = None  # of MuJoCo's model, one of mjcf.WHEELS; None: the first of the drive's
 
     @classmethod
     def of(cls, robots: tuple[str, ...], **asked: Any) -> "Options":
@@ -62,6 +65,8 @@ class Options:
         asked["disturbance"] = DISTURBANCES[asked["disturbance"]]
         if asked["address"] is not None and asked["dynamics"] != "coppelia":
             raise ValueError(f'address={asked["address"]!r} belongs to dynamics="coppelia"')
+        if asked["wheels"] is not None and asked["dynamics"] != "mujoco":
+            raise ValueError(f'wheels={shown(asked["wheels"])} belongs to dynamics="mujoco"')
         noise = asked["noise"]
         if not 0.0 <= real(noise) < math.inf:
             raise ValueError(f"noise must be a finite number >= 0 (0 is none, 1 nominal), got {shown(noise)}")
@@ -135,8 +140,10 @@ class Plant(NamedTuple):
 # The kinematic plant is part of the step. A plant is loaded where it is chosen, and then alone.
 PLANTS: Mapping[str, Plant] = {
     "pymunk": Plant("wayfield.envs.pymunk_plant", "PymunkPlant"),
+    "mujoco": Plant("wayfield.envs.mujoco_plant", "MujocoPlant", "mujoco"),
     "coppelia": Plant("wayfield.bridges.coppelia.plant", "CoppeliaPlant", "coppelia"),
 }
+IN_PROCESS = ("kinematic", "pymunk", "mujoco")  # plants that need no other program
 _CHOICES: Mapping[str, Collection[str]] = {
     "dynamics": ("kinematic", *PLANTS),
     "actuators": ACTUATORS,
@@ -144,6 +151,21 @@ _CHOICES: Mapping[str, Collection[str]] = {
     "pose_source": records.POSE_SOURCES,
     "disturbance": DISTURBANCES,
 }
+
+
+def plant_class(dynamics: str) -> Any:
+    """Returns the class of a plant of PLANTS.
+
+    Raises:
+        ImportError: in one line, without the extra that it needs, or with another version of what that brings.
+    """
+    module, name, extra = PLANTS[dynamics]
+    try:
+        return getattr(importlib.import_module(module), name)
+    except ModuleNotFoundError as error:
+        if extra is None:
+            raise
+        raise ModuleNotFoundError(f'dynamics="{dynamics}" needs {error.name}: {installs(extra)}') from None
 
 
 def _shove(shove: Any) -> tuple[float, float, float, float]:

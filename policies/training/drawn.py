@@ -162,7 +162,7 @@ def scenes(hull: float, k: int) -> tuple[GoalScenario, ...]:
     """
     task, result = TASKS["goal_reaching"], []
     for family in members(task.name, 1):
-        if task.families[family].needs_pymunk:
+        if task.families[family].needs_forces:
             continue
         bank = field_scenarios(task, f"{family}/train", min(hull, LARGEST_HULL))
         count = EACH * (3 if family in THRICE else 2 if family in TWICE else 1)

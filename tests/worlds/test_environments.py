@@ -542,7 +542,7 @@ def test_bad_options_are_named(env_id: str, options: dict[str, Any], message: st
         (PATH_ID, {"pose_source": "odometry_uncorrected"}, "pose_source='odometry_uncorrected' needs passive"),
         (PATH_ID, {"pose_source": "odometry_plain_sum"}, "pose_source='odometry_plain_sum' belongs to"),
         (GOAL_ID, {"robot": "p3dx"}, "robot 'p3dx' has the drive differential; this environment needs omni or mecanum"),
-        (GOAL_ID, {"end_on_contact": False}, 'end_on_contact=False needs dynamics="pymunk"'),
+        (GOAL_ID, {"end_on_contact": False}, 'end_on_contact=False needs dynamics="pymunk" or "mujoco"'),
         (GOAL_ID, {"field_of_view": 7.0}, "field_of_view must be above 0 and at most 2 pi rad, got 7.0"),
     ],
 )
