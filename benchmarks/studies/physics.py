@@ -1,0 +1,311 @@
+"""Does it hold in another physics? README's verdicts of one robot on three plants: python benchmarks/studies/physics.py
+
+Scenes, starts, gains and agents are those of the published contests; none was tuned on pymunk or MuJoCo. Of each family
+the first scenes of the split that README quotes are driven, of the agent the first seeds. Rows are kept as physics.csv,
+and the page is made of them; parts that are there are not driven again, so that a run may be stopped at any time:
+
+    python benchmarks/studies/physics.py --drive --blocks 3
+    python benchmarks/studies/physics.py
+"""
+
+import functools
+import statistics
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import click
+import numpy as np
+from flocks import Row, driven, leaning, read
+from tabulate import tabulate
+
+from wayfield.benchmarks.contests import ALL_CONTESTS, Course, Entrants
+from wayfield.benchmarks.contests.path_following import TRACKING
+from wayfield.benchmarks.entrants.documents import documents
+from wayfield.benchmarks.leaderboards.verdicts import COST_MARGIN, MARGIN, outcome
+from wayfield.benchmarks.records.cases import Case
+from wayfield.benchmarks.runs.suite import Setting, episodes
+from wayfield.benchmarks.statistics.paired import Difference, difference, holm
+from wayfield.envs.scenarios.splits import SPLITS
+from wayfield.envs.tasks.task import IN_PROCESS
+from wayfield.system.command_line import OneLineErrors
+from wayfield.system.storage import write_whole
+
+KEPT = Path("docs/results")
+TABLE, PAPERS, PAGE = KEPT / "physics.csv", KEPT / "physics_papers.csv", KEPT / "physics.md"
+SEEDS = 3  # of the agent
+ROBOT, AGENT = "p3dx", "ppo"
+FIELDS = ("plant", "verdict", "family", "block", "policy", "scene", "success", "collision", "cost", "speed")
+PAPER_FIELDS = ("plant", "document", "experiment", "policy", "outcome", "figures")
+WORDS = {"better": "controller ahead", "worse": "agent ahead", "equivalent": "tie", "open": "no significant difference"}
+
+
+class Verdict(NamedTuple):
+    """A verdict of README: a controller with its gains beside the agent, in some families of a split."""
+
+    where: str
+    contest: str
+    kind: str
+    split: str
+    controller: str
+    gains: str
+    scenes: int  # of a family that are driven at once
+    error: bool = False  # whether the tracking error decides, else success
+
+    @property
+    def families(self) -> tuple[str, ...]:
+        """Returns the families of its scenes."""
+        known = ALL_CONTESTS[self.contest].spec.families
+        return tuple(each for each in ALL_CONTESTS[self.contest].scenes[self.kind] if not known[each].needs_forces)
+
+
+VERDICTS = (
+    Verdict("smooth paths", "path-following", "smooth paths", "test", "ilqr", "tuned", 2, True),
+    Verdict("paths with corners", "path-following", "paths with corners", "test", "ilqr", "tuned", 5, True),
+    Verdict("goals among static obstacles", "goal-obstacles", "still", "claims", "scan_planner", "tuned", 1),
+    Verdict("goals among moving obstacles", "goal-obstacles", "moving", "claims", "vfh_plus", "tuned", 5),
+    Verdict("docks in free space", "docking", "nothing around", "claims", "polar", "default", 10),
+    Verdict(
+        "docks at a wall or in a bay", "docking", "at a wall or in a berth", "claims", "reeds_shepp_scan", "default", 10
+    ),
+    Verdict("docks among moving obstacles", "docking", "moving", "claims", "reeds_shepp_scan", "default", 20),
+)
+
+
+def cases(verdict: Verdict, family: str) -> Iterator[tuple[str, Case]]:
+    """Yields the entries of a verdict in a family: the controller, and the agent a seed."""
+    contest, course = ALL_CONTESTS[verdict.contest], Course(family, verdict.split)
+    for case in contest.cases(ROBOT, course, Entrants((verdict.controller, AGENT), (verdict.gains,))):
+        if case.policy != AGENT:
+            yield case.policy, case
+        elif case.gains["seed"] < SEEDS:
+            yield f"{AGENT} seed {case.gains['seed']}", case
+
+
+def drive(verdict: Verdict, case: Case, plant: str, block: int) -> list[tuple[Any, ...]]:
+    """Returns the rows of an entry in a block of scenes: number, success, collision, error (m) or time (s), speed."""
+    numbers = tuple(range(block * verdict.scenes, (block + 1) * verdict.scenes))
+    setting = Setting(verdict.contest, case, plant, "lagged", 0, len(numbers), numbers=numbers)
+    cost = TRACKING.metric if verdict.error else "time"
+    return [
+        (number, int(row["success"]), int(row["collision"]), f"{row[cost]:.6g}", f"{row['mean_speed']:.4f}")
+        for number, (row, _) in zip(numbers, episodes(setting), strict=True)
+    ]
+
+
+def parts(plants: Sequence[str], blocks: int) -> Iterator[tuple[Row, Callable[[], Iterable[Sequence[Any]]]]]:
+    """Yields the parts, block after block, so that plants and verdicts grow together."""
+    for block in range(blocks):
+        for verdict in VERDICTS:
+            if (block + 1) * verdict.scenes > SPLITS[verdict.split]:
+                continue
+            for family in verdict.families:
+                for entry, case in cases(verdict, family):
+                    for plant in plants:
+                        known = {"plant": plant, "verdict": verdict.where, "family": family, "block": str(block)}
+                        yield known | {"policy": entry}, functools.partial(drive, verdict, case, plant, block)
+
+
+def paper_parts(plants: Sequence[str]) -> Iterator[tuple[Row, Callable[[], Iterable[Sequence[Any]]]]]:
+    """Yields the reference papers' controllers: outcome, and the figures that their equations or tables give."""
+    for case in documents():
+        theirs = dict(case.reference) | dict(case.published)
+        if case.policy in ("zero", "random") or not theirs:
+            continue
+
+        for plant in plants:
+
+            def drives(case: Case = case, plant: str = plant, theirs: Any = theirs) -> list[Sequence[Any]]:
+                row, _ = episodes(Setting("documents", case, plant, "ideal", 0, 1))[0]
+                told = ";".join(f"{name}={row.get(name, float('nan')):.5g}" for name in theirs)
+                return [(_ended(row), told)]
+
+            name = f"{case.policy} {case.gains_text}".strip()
+            yield {"plant": plant, "document": case.document, "experiment": case.experiment, "policy": name}, drives
+
+
+def _ended(row: Row) -> str:
+    return next((name for name in ("success", "collision", "timeout") if row.get(name)), "left corridor")
+
+
+# ---- the page
+
+
+def matched(rows: Sequence[Row], verdict: Verdict, plant: str, metric: str) -> tuple[Any, Any, list[str]]:
+    """Returns a number (s, 1) of the controller and (s, seeds) of the agent in the scenes that all plants have, and
+    their families."""
+    mine = [row for row in rows if row["verdict"] == verdict.where]
+    wanted = len(IN_PROCESS) * (1 + SEEDS)
+    count: dict[tuple[str, str], int] = {}
+    for row in mine:
+        key = row["family"], row["scene"]
+        count[key] = count.get(key, 0) + 1
+    keys = [key for key, there in count.items() if there == wanted]
+    of_plant = {
+        (row["policy"], row["family"], row["scene"]): float(row[metric]) for row in mine if row["plant"] == plant
+    }
+    agents = [f"{AGENT} seed {seed}" for seed in range(SEEDS)]
+    first = np.array([[of_plant[verdict.controller, *key]] for key in keys])
+    other = np.array([[of_plant[agent, *key] for agent in agents] for key in keys])
+    return first, other, [family for family, _ in keys]
+
+
+class Line(NamedTuple):
+    """A verdict on a plant."""
+
+    verdict: Verdict
+    plant: str
+    scenes: int
+    controller: float  # %, or mm
+    agent: float
+    found: Difference  # of the controller less the agent, in the same unit; better is more of success, less of error
+
+    def said(self, corrected: float) -> str:
+        """Returns the outcome in words."""
+        if self.verdict.error:
+            margin = COST_MARGIN * min(self.controller, self.agent)
+            return leaning(
+                outcome(-self.found.high, -self.found.low, corrected, margin, trifles=True),
+                -self.found.high,
+                -self.found.low,
+            )
+        low, high = self.found.low / 100.0, self.found.high / 100.0
+        return leaning(outcome(low, high, corrected, MARGIN, self.found.limit), low, high)
+
+
+def line(rows: Sequence[Row], verdict: Verdict, plant: str) -> Line | None:
+    """Returns what a verdict comes to on a plant; None where nothing was driven."""
+    success = matched(rows, verdict, plant, "success")
+    if not len(success[0]):
+        return None
+    if not verdict.error:
+        found = difference(success[0], success[1], success[2], "share")
+        scaled = Difference(100.0 * found.value, 100.0 * found.low, 100.0 * found.high, found.p, found.limit)
+        shares = [100.0 * float(each.mean()) for each in success[:2]]
+        return Line(verdict, plant, len(success[0]), shares[0], shares[1], scaled)
+    solved = (success[0].min(axis=1) == 1.0) & (success[1].min(axis=1) == 1.0)
+    first, other, families = matched(rows, verdict, plant, "cost")
+    first, other = 1000.0 * first[solved], 1000.0 * other[solved]
+    strata = [family for family, good in zip(families, solved, strict=True) if good]
+    found = difference(first, other, strata, "mean")
+    return Line(verdict, plant, len(first), float(first.mean()), float(other.mean()), found)
+
+
+def _shown(each: Line, said: str) -> list[str]:
+    unit = "mm" if each.verdict.error else "%"
+    digits = 2 if each.verdict.error else 1
+    ends = f" [{each.found.low:+.{digits}f}, {each.found.high:+.{digits}f}]" if np.isfinite(each.found.low) else ""
+    return [
+        each.plant,
+        f"{each.controller:.{digits}f} vs. {each.agent:.{digits}f} {unit}",
+        f"{each.found.value:+.{digits}f}{ends}",
+        f"{each.scenes}",
+        WORDS.get(said, said.replace("ahead", "controller ahead").replace("behind", "agent ahead")),
+    ]
+
+
+def page(rows: Sequence[Row], papers: Sequence[Row]) -> str:
+    """Returns the page."""
+    lines = [found for verdict in VERDICTS for plant in IN_PROCESS if (found := line(rows, verdict, plant))]
+    corrected = holm([each.found.p for each in lines])
+    said = {(each.verdict.where, each.plant): each.said(p) for each, p in zip(lines, corrected, strict=True)}
+    text = [
+        "# Does it hold in another physics?",
+        "",
+        "`kinematic` and `pymunk` are plants of this project; [MuJoCo](../environments.md#mujoco) is not. Here the "
+        "README's verdicts of one robot are driven on all three: P3DX, tier `lagged`, the same scenes, starts, gains "
+        "and agents. Nothing was tuned on pymunk or MuJoCo. Teams and crowds are kinematic and are not here.",
+        "",
+        _summary(said),
+        "",
+        "A difference is the controller's value minus the agent's in the same scenes, with its 95 % interval, over "
+        f"scenes and {SEEDS} training seeds of PPO. The scenes are the first of each family of the split that README "
+        "quotes: fewer than there, so that intervals are wider. Outcomes are corrected for all comparisons of this "
+        "page (Holm). An error is the RMS cross-track error on the paths that all complete.",
+    ]
+    for verdict in VERDICTS:
+        mine = [each for each in lines if each.verdict is verdict]
+        if not mine:
+            continue
+        text += ["", f"## {verdict.where[0].upper()}{verdict.where[1:]}", "", f"`{verdict.controller}` vs. PPO.", ""]
+        shown = [_shown(each, said[verdict.where, each.plant]) for each in mine]
+        text += [
+            tabulate(shown, ("plant", "value", "difference", "scenes", "outcome"), "github", disable_numparse=True)
+        ]
+        text += ["", _moved(rows, verdict)]
+    return "\n".join([*text, *_paper_lines(papers), ""])
+
+
+def _summary(said: dict[tuple[str, str], str]) -> str:
+    """Returns which verdicts are the same on all plants, and which are not."""
+    same = [v.where for v in VERDICTS if len({said.get((v.where, plant)) for plant in IN_PROCESS}) == 1]
+    there = [v.where for v in VERDICTS if (v.where, IN_PROCESS[0]) in said]
+    turned = [where for where in there if {"better", "worse"} <= {said[where, plant] for plant in IN_PROCESS}]
+    text = f"**{len(same)} of {len(there)} verdicts have the same outcome on all three plants."
+    text += f" {len(turned) or 'None'} {'turns' if len(turned) < 2 else 'turn'} round.**"
+    differ = [where for where in there if where not in same]
+    return text + (f" The outcome differs in: {', '.join(differ)}." if differ else "")
+
+
+def _moved(rows: Sequence[Row], verdict: Verdict) -> str:
+    """Returns how success, collisions and speed of both change between the plants."""
+    parts = []
+    for name, column in ((f"`{verdict.controller}`", 0), ("PPO", 1)):
+        cells = []
+        for plant in IN_PROCESS:
+            success, collision, speed = (
+                np.mean(matched(rows, verdict, plant, each)[:2][column]) for each in ("success", "collision", "speed")
+            )
+            cells.append(f"{plant} {100 * success:.1f} %, {100 * collision:.1f} %, {speed:.3f} m/s")
+        parts.append(f"{name}: {'; '.join(cells)}")
+    return f"Success, collisions and mean speed. {'. '.join(parts)}."
+
+
+def _paper_lines(papers: Sequence[Row]) -> list[str]:
+    """Returns the section of the reference papers: their figures beside ours on each plant."""
+    if not papers:
+        return []
+    table = []
+    for case in documents():
+        theirs = dict(case.reference) | dict(case.published)
+        name = f"{case.policy} {case.gains_text}".strip()
+        for metric, figure in theirs.items():
+            mine = {
+                row["plant"]: dict(cell.split("=") for cell in row["figures"].split(";")).get(metric, "nan")
+                for row in papers
+                if (row["document"], row["experiment"], row["policy"]) == (case.document, case.experiment, name)
+            }
+            if not mine:
+                continue
+            told = "printed" if metric in case.published else "equations"
+            low = statistics.fmean(figure) if isinstance(figure, tuple) else figure
+            ours = [f"{float(mine[plant]):.4g}" if plant in mine else "" for plant in IN_PROCESS]
+            table.append([case.document, case.experiment, name, metric.replace("_", " "), f"{low:.4g}", told, *ours])
+    header = ("paper", "experiment", "controller", "figure (SI)", "theirs", "of", *IN_PROCESS)
+    return [
+        "",
+        "## The three reference papers",
+        "",
+        "Their controllers as printed, tier `ideal`. Theirs: a figure that the paper prints, or the solution of its "
+        "equations. The papers' own runs were in CoppeliaSim (A) and on real wheels (B, C). The P3DX paper prints no "
+        "figure of its orbit, 0.15 m inside the circle by its equations: its run in CoppeliaSim is a picture. nan: "
+        "the run never came to it.",
+        "",
+        tabulate(table, header, "github", disable_numparse=True),
+    ]
+
+
+@click.command(cls=OneLineErrors)
+@click.option("--drive", "drives", is_flag=True, help="Drive what is not in the rows.")
+@click.option("--blocks", type=click.IntRange(1), default=1, show_default=True, help="Of scenes of each family.")
+@click.option("--plants", default=",".join(IN_PROCESS), show_default=True)
+def main(drives: bool, blocks: int, plants: str) -> None:
+    """Makes the page of verdicts on three plants from its rows."""
+    if drives:
+        driven(PAPERS, PAPER_FIELDS, paper_parts(plants.split(",")))
+        driven(TABLE, FIELDS, parts(plants.split(","), blocks))
+    write_whole(PAGE, page(read(TABLE), read(PAPERS)).encode())
+
+
+if __name__ == "__main__":
+    main()
