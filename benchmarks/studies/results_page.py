@@ -640,7 +640,7 @@ def advised(kept: Kept) -> list[tuple[str, str, str, Mapping[str, str], str]]:
                 verdict = verdict_of(lines, kind, entry_of(sets[0]), entry_of(other))
                 lead = _lead(verdict, _named(entry_of(other))) if verdict else ""
                 if not lead and not alone:
-                    lead = f"not tested against {_named(entry_of(other))}, {_result(other)}"
+                    lead = f"{_named(entry_of(other))}: {_result(other)}; difference not tested"
                 found.append((task, kind, access, sets[0], "; ".join(["no rival"] * alone + [lead] * bool(lead))))
     return found
 
@@ -756,9 +756,9 @@ def _off_speed() -> Iterator[str]:
         for fast, slow in zip(found["0.6"], found["0.3"], strict=True)
     ]
     yield (
-        "\nAgents `ppo` for goals were trained at 0.6 m/s. At a target speed of 0.3 m/s they reach fewer goals of the "
-        f"validation split: {', '.join(parts)}. [This study](results/everywhere.md) compares them with controllers at "
-        "that speed. [Their cards](results/cards.md) have other speeds, scans and actuators."
+        "\nThe agents `ppo` for goals were trained at 0.6 m/s. At a target speed of 0.3 m/s they reach fewer goals in "
+        f"validation scenarios: {', '.join(parts)}. [This study](results/everywhere.md) compares them with controllers "
+        "at that speed. [Their cards](results/cards.md) have other speeds, scans and actuators."
     )
 
 
