@@ -269,6 +269,10 @@ class Contest:
         """Returns a family of a frozen split for a robot: of its hull class, where its hull asks for one."""
         return Course(family, self.spec.repertoire.split_for(split, robot_of(robot).hull_radius))
 
+    def seen(self, size: float) -> dict[str, Any]:
+        """Returns the range of the scan in scenes that are so many times as large, so that they look alike."""
+        return {"max_range": size * self.env_kwargs["max_range"]} if size != 1.0 else {}
+
     def cases(
         self, robot: AnyRobot, course: Course, entrants: Entrants, disturbance: str = "none", speed: float | None = None
     ) -> Iterator[Case]:
@@ -285,8 +289,7 @@ class Contest:
         disturbed = {} if disturbance == "none" else {"disturbance": disturbance}
         conditions = {"robot": shipped_name(robot), **disturbed}
         size = 1.0 if course.file else self.spec.repertoire.size_of(course.split)
-        if size != 1.0 and "max_range" in self.env_kwargs:  # so that a scene looks alike
-            conditions["max_range"] = size * self.env_kwargs["max_range"]
+        conditions |= self.seen(size)
         asked = self.rules.speed if speed is None and self.rules else speed
         for name, gains_name, gains, entrant, beside in self._crossed(robot, entrants, asked):
             if asked is not None and gains_name not in FOUND:

@@ -60,7 +60,9 @@ class Place:
         given = {name: value for name, value in asked.items() if value is not None}
         try:
             suite = TEAMS if spec_of(env_id) in CROWDS.values() else CONTESTS[spec_of(env_id).suite]
-            kwargs = {**suite.env_kwargs, **given, **dict(map(_setting, self.settings))}
+            size = suite.spec.repertoire.size_of(self.scenario or "")
+            clock = {"max_episode_steps": round(size * suite.spec.clock)} if size != 1.0 else {}
+            kwargs = {**suite.env_kwargs, **suite.seen(size), **clock, **given, **dict(map(_setting, self.settings))}
             return gymnasium.make(env_id, render_mode="rgb_array", **kwargs)
         except (TypeError, ValueError) as error:
             raise click.UsageError(str(error)) from None

@@ -204,8 +204,10 @@ class Search:
         if not self.contest.in_rooms:
             return {}
         counts, size = {SEARCH_SPLIT: self.scenarios, TRANSFER_SPLIT: VALIDATION_ROOMS}, self._size
-        seen = {"max_range": size * self.contest.env_kwargs["max_range"]} if size != 1.0 else {}
-        return {split: searched_rooms(folder, split, count, size, seen) for split, count in counts.items()}
+        return {
+            split: searched_rooms(folder, split, count, size, self.contest.seen(size))
+            for split, count in counts.items()
+        }
 
     @property
     def _size(self) -> float:

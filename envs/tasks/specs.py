@@ -80,9 +80,12 @@ class Repertoire:
         return self.size_of(self.split_for("", hull_radius))
 
     def size_of(self, split: str) -> float:
-        """Returns how many times as large the scenes of a split's name are."""
-        hull = split.partition("@")[2]
-        return self.size(float(hull)) if hull and self.size else 1.0
+        """Returns how many times as large the scenes of a split's name are; 1 of what names no class."""
+        try:
+            hull = float(split.rpartition("@")[2])
+        except ValueError:
+            return 1.0
+        return self.size(hull) if self.size and hull == self.hull_class(hull) else 1.0
 
 
 @dataclasses.dataclass(frozen=True)

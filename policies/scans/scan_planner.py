@@ -1,6 +1,7 @@
 """A planner without a map: it draws its own from the scans, takes what it has not seen for free, and plans in it."""
 
 import dataclasses
+import functools
 from typing import Any
 
 import numpy as np
@@ -62,6 +63,7 @@ STATE = [
 
 NEAR = 1.5  # m, within which the hits themselves are looked at
 RECALL = 1.0  # s, for which they are remembered
+FINE, HULL = 0.35, 0.3  # m: up to which hull the grid is as `cell` says, and the one that `cell` is for
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,7 +75,8 @@ class ScanPlanner(PolylineTracker, ScanLaw):
     forgotten), the spots of its hits to a quarter of a cell, and the clearance of its centre from all spots, kept up to
     date by stamping. The grid is laid half-way to the goal, at most a quarter of its side from the robot, and again
     when the robot comes within a tenth of its side of the border; what leaves it is forgotten. A goal beyond it is
-    replaced by the nearest cell within.
+    replaced by the nearest cell within. For a hull above 0.35 m `cell` and `give` are multiplied by hull / 0.3 m: it
+    has farther to go round what stands.
 
     A* searches cells with clearance above hull radius + `margin`; a metre costs 1 + weight times what lacks to
     `wanted_clearance`. If there is no way, cells down to hull radius - `give` serve, for a cell's centre may lie beside
@@ -123,6 +126,7 @@ class ScanPlanner(PolylineTracker, ScanLaw):
     ) -> NDArray[np.float64]:
         """Returns the twists (b, t) in m/s and rad/s."""
         radius = briefing.robot.hull_radius
+        self = _for_hull(self, radius)
         prices = np.array(
             [
                 clearance_prices(radius + self.margin, radius + self.wanted_clearance, self.weight),
@@ -148,6 +152,13 @@ class ScanPlanner(PolylineTracker, ScanLaw):
     def driven(self, memory: NDArray[Any], commands: NDArray[np.float64]) -> None:
         """Takes the commands (b, 3), as the plant takes them, that were driven in place of those it asked for."""
         memory["state"]["command"] = commands
+
+
+@functools.lru_cache
+def _for_hull(law: ScanPlanner, radius: float) -> ScanPlanner:
+    """Returns a law with the grid for a hull (m)."""
+    size = radius / HULL if radius > FINE else 1.0
+    return dataclasses.replace(law, cell=size * law.cell, give=size * law.give)
 
 
 @any_layout
