@@ -32,6 +32,12 @@ MAP = "map"  # what an upper reference has access to
 _NEEDED = ("contest", "family", "split", "failure_cost", "agent_seed", "knows")
 
 
+def class_words(split: str) -> str:
+    """Returns what a title says of the hull class of a split's name; "" of one that has none."""
+    hull = split.partition("@")[2]
+    return f", hull class {hull} m" if hull else ""
+
+
 def greatest(values: Array) -> Array:
     """Returns the greatest value over the last axis."""
     return np.asarray(np.max(values, axis=-1))

@@ -27,6 +27,7 @@ from wayfield.benchmarks.leaderboards.entries import (
     by_scenario,
     cell,
     check_columns,
+    class_words,
     costs,
     failing,
     gap,
@@ -98,9 +99,8 @@ def contest_tables(rows: Sequence[Row], decisions: Sequence[Row], command: str, 
             stem = f"{contest.stem}_{robot}"
             title = f"{contest.title}, {robot}, {mine[0]['actuators']} actuators, {mine[0]['dynamics']} plant"
             _, at, hull = mine[0]["split"].partition("@")
-            if hull:
-                larger = contest.spec.repertoire.size_of(f"@{hull}")
-                title += f", hull class {hull} m" + (f" (scenes x {larger:.3g})" if larger != 1.0 else "")
+            larger = contest.spec.repertoire.size_of(mine[0]["split"])
+            title += class_words(mine[0]["split"]) + (f" (scenes x {larger:.3g})" if larger != 1.0 else "")
             if ladder:
                 found[f"{stem}_ladder"] = ladder_table(contest, title, mine, command)
                 if any(mine.unique("agent_seed")):

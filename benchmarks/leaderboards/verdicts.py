@@ -23,6 +23,7 @@ from wayfield.benchmarks.leaderboards.entries import (
     MAP,
     Entry,
     by_entry,
+    class_words,
     label,
     leader,
     mean_speed,
@@ -216,11 +217,8 @@ def conditions(contest: Contest, robot: str, rows: Episodes) -> dict[str, Episod
 
 
 def _condition(contest: Contest, robot: str, row: Row) -> str:
-    words = [contest.title, robot]
-    split, _, hull = row["split"].partition("@")
-    if hull:
-        words.append(f"hull class {hull} m")
-    if split == "claims":
+    words = [contest.title, robot + class_words(row["split"])]
+    if row["split"].partition("@")[0] == "claims":
         words.append("on the split claims")
     if row["split"] == "front":
         words.append(f"asked for {text(row['speed'])} m/s")

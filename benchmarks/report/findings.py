@@ -13,6 +13,7 @@ from wayfield.benchmarks.leaderboards.entries import (
     OFF_PACE,
     Entry,
     by_entry,
+    class_words,
     label,
     mean_interval,
     mean_speed,
@@ -102,7 +103,8 @@ def found(contest: Contest, robot: str, rows: Episodes, named: tuple[str, ...] =
     of, on = _count(len(entries), "entry", "entries"), _count(scenarios(rows), "scenario", "scenarios")
     shown = f" ({len(small.rows)} shown)" if len(small.rows) < len(entries) else ""
     families = _count(len(rows.unique("family")), "family", "families")
-    sentence = f"{contest.title} with {robot}: {of}{shown} on the same {on} of {families}. {' '.join(sentences)}"
+    base = robot + class_words(rows[0]["split"])
+    sentence = f"{contest.title} with {base}: {of}{shown} on the same {on} of {families}. {' '.join(sentences)}"
     if all(each.endswith(f"{TOO_FEW}.") for each in sentences):  # the table says the rest
         own = OWN_SPLIT in rows.unique("split")  # no suite holds them
         suite = "too few to settle it" if own else f"`wayfield evaluate --suite {contest.name}` settles it"
