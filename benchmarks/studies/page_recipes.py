@@ -681,8 +681,8 @@ def network_recipe(
     task: str, name: str, seed: int, env: NativeVectorEnv, blobs: Blobs
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Returns how the page makes a trained agent decide, and the gains of it that the page can change."""
-    # the law that docks where a network stands is not in the page
-    gains = {"seed": seed, **({"patience": 0.0} if task == "docking" else {})}
+    # the laws that drive where a network stands are not in the page
+    gains = {"seed": seed, **({"patience": 0.0} if task in ("docking", "path_following") else {})}
     policy = make(name, **gains)
     pilot = Pilot(policy, env)
     noted_calls = agent_calls(task, pilot, env)

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import wayfield.envs  # noqa: F401  registers the ids that cards name
+from wayfield.envs import path_following
 from wayfield.envs.robots import ROBOTS, Actuators, Robot
 from wayfield.envs.robots.records import lag_factors
 from wayfield.envs.tasks.briefing import Briefing
@@ -43,7 +44,7 @@ from wayfield.policies.learned.perception import (
     hold,
     limits_of,
 )
-from wayfield.policies.learned.rescue import take_over, waiting
+from wayfield.policies.learned.rescue import drive_on, take_over, waiting
 from wayfield.policies.learned.residual import Base
 from wayfield.policies.parts.gain import Gains, gain
 from wayfield.policies.parts.policy import Policy
@@ -68,7 +69,7 @@ MOST_LAYERS, MOST_WIDTH = 32, 2**14  # of a network, so that its size is known t
 ACTIVATIONS = ("tanh", "relu")
 # of an agent that is loaded; what training validates has neither
 PACE_TIME = 2.0  # s, in which it makes up what it is late by, on a path
-PATIENCE = 3.0  # s, without way made to a dock, after which a law docks
+PATIENCE = 3.0  # s, without way made to a dock or along a path, after which a law drives on
 CARD, WEIGHTS = "card.json", "weights.safetensors"
 _NEXT = "weights.next.safetensors"  # the weights of the card, until they take the place of those before
 
@@ -196,6 +197,7 @@ class Agent(Gains):
 
     One that docks and has made no way for `patience`, or sees that something moves, leaves the rest to a law,
     `reeds_shepp_scan`: beside the pose and before narrow gaps a network may stand where that law sees a way (`rescue`).
+    Along a path, before some corners, a law drives it on by 0.3 m.
     """
 
     network: Network
@@ -205,7 +207,7 @@ class Agent(Gains):
     speed: float = gain(0.6, "m/s", "the mean on a path, with `cruises` or `pace_time`; else the most", above=0.0)
     base: Base | None = None
     pace_time: float = gain(0.0, "s", "in which it makes up what it is late by, on a path; 0: never", least=0.0)
-    patience: float = gain(0.0, "s", "without way made to a dock, after which a law docks; 0: for ever", least=0.0)
+    patience: float = gain(0.0, "s", "without way made, after which a law drives on; 0: for ever", least=0.0)
 
     @property
     def knows(self) -> str:
@@ -286,6 +288,8 @@ class Agent(Gains):
             parts["shield"] = SHIELD.reset(briefing)
         if self.patience and self.features.posed:
             parts["rescue"] = waiting(briefing, self.speed)
+        elif self.patience and self.features.observation is path_following.Observation:
+            parts["rescue"] = np.zeros((briefing.num_envs, 2))  # see `drive_on`
         if self.keeps_pace:
             parts["pace"] = np.zeros((briefing.num_envs, 2))  # see `kept_pace`
             parts["pace"][:, 0] = -briefing.dt * self.speed  # no time has passed when it is first asked
@@ -340,7 +344,8 @@ class Agent(Gains):
             hold(*held_law(briefing, actuators), held, twists)
             held[:, 2, robot.twist_axes] = twists
         if "rescue" in (memory.dtype.names or ()):
-            rows = take_over(measured, briefing, memory["rescue"], (self.speed, self.patience), twists)
+            drives_by_law: Any = take_over if self.features.posed else drive_on
+            rows = drives_by_law(measured, briefing, memory["rescue"], (self.speed, self.patience), twists)
             if held is not None:
                 held[rows[:, None], :, np.array(robot.twist_axes)] = twists[rows, :, None]
         if "shield" in (memory.dtype.names or ()):

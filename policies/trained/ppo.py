@@ -24,14 +24,16 @@ class Ppo(Gains):
 
     What the network sees and does is stated in the agent's card and in `features`. Learned from the training split of
     the scenarios; those that ship serve the robots that `shipped` names. Where a law has a part in it, `Agent` says so:
-    it ends the way to a goal, and docks where the network makes no way.
+    it ends the way to a goal, and drives on where the network makes no way to a dock or along a path.
     """
 
     seed: int = gain(0, "1", "of the training run", most=LAST_SEED)
     speed: float = gain(0.0, "m/s", "the mean on a path, to a goal the most; 0: as validated", least=0.0)
     home: str = gain("", "", "of training runs, as train.py's --out; '': the agents that ship", words="a folder")
     pace_time: float = gain(PACE_TIME, "s", "in which it makes up what it is late by, on a path; 0: never", least=0.0)
-    patience: float = gain(PATIENCE, "s", "without way made to a dock, after which a law docks; 0: for ever", least=0.0)
+    patience: float = gain(
+        PATIENCE, "s", "without way to a dock or along a path, after which a law drives; 0: never", least=0.0
+    )
 
     observes: ClassVar[tuple[type, ...]] = (path_following.Observation, goal_reaching.Observation)
     among: ClassVar[str] = ""  # behind the task, in the names of the folders of agents among bodies
