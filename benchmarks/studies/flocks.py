@@ -362,6 +362,11 @@ class Less(NamedTuple):
         found = outcome(self.low, self.high, holm([*page, self.p])[-1], MARGIN, self.limit)
         return leaning(found, self.low, self.high)
 
+    def pace(self, page: Sequence[float]) -> str:
+        """Returns what it says of a time, likewise corrected: "faster", "slower", or "" where neither is shown."""
+        found = outcome(-self.high, -self.low, holm([*page, self.p])[-1], 0.0)
+        return {BETTER: "faster", WORSE: "slower"}.get(found, "")
+
 
 def leaning(found: str, low: float, high: float) -> str:
     """Returns an outcome; of a tie that the interval alone decides, "ahead" or "behind, not after correction"."""
@@ -475,6 +480,7 @@ class Compared(NamedTuple):
     law: str
     what: str
     found: Less
+    later: Less  # in extra time (s), in worlds that both solve
     seeds: int
 
     def sentence(self, page: Sequence[float]) -> str:
@@ -492,7 +498,9 @@ class Compared(NamedTuple):
             AHEAD: f"{agent} is ahead of {law}, {how}",
             BEHIND: f"{agent} is behind {law}, {how}",
         }.get(told, f"{agent} and {law} tie")
-        return f"{words}, {shown}: take {take}."
+        pace = self.later.pace(page) if told in (OPEN, EQUIVALENT) else ""
+        timed = f"; {agent} is {pace}: {self.later.shown} s" if pace else ""
+        return f"{words}, {shown}{timed}: take {take}."
 
 
 def team_tables(rows: Sequence[Row]) -> tuple[list[Compared], str]:
@@ -519,14 +527,14 @@ def team_tables(rows: Sequence[Row]) -> tuple[list[Compared], str]:
                     continue
                 solved = [share(here, name, "solved") for name in (law, agent)]
                 changes = [less(here, agent, law, name).shown for name in ("arrived", "touched")]
-                later = less(here, agent, law, "extra_time", "solved").shown
+                later = less(here, agent, law, "extra_time", "solved")
                 alike = f"{100.0 * found.alike:+.1f}"
-                line = [f"{kind}, {count}", str(found.worlds), *solved, found.shown, alike, *changes, later]
+                line = [f"{kind}, {count}", str(found.worlds), *solved, found.shown, alike, *changes, later.shown]
                 beside.setdefault(f"{agent} beside {law}", []).append(line)
                 what = f"in {len(families)} of {len(TEAM_FAMILIES)} families" if kind == "all" else f"{kind} alone"
                 if kind == UP_TO:
                     what = f"in the {count} of them with {kind}"
-                told.append(Compared(agent, law, what, found, seeds))
+                told.append(Compared(agent, law, what, found, later, seeds))
     if beside:
         header = [
             "families", "worlds", "solved: rival (%)", "agent (%)", "difference (points)", "mean of families",
@@ -578,12 +586,12 @@ def people_tables(rows: Sequence[Row]) -> tuple[list[Compared], str]:
         seeds = seeds_of(here, "people_free")
         for law in (each for each in names if each != "people_free" and seeds):
             found = less(here, "people_free", law, "success")
-            measures = [
-                less(here, "people_free", law, name, "success").shown
+            later, *measures = [
+                less(here, "people_free", law, name, "success")
                 for name in ("extra_time", "intimate_share", "personal_share", "people_slowed")
             ]
-            lines.append([law, str(found.worlds), found.shown, *measures])
-            told.append(Compared("people_free", law, f"in {label}", found, seeds))
+            lines.append([law, str(found.worlds), found.shown, later.shown, *(each.shown for each in measures)])
+            told.append(Compared("people_free", law, f"in {label}", found, later, seeds))
         if lines:
             header = [
                 "people_free less", "worlds", "success (points)", "extra time (s)", "within 0.45 m (points)",
@@ -652,70 +660,71 @@ def advice(teams: Sequence[Row], people: Sequence[Row]) -> str:
 
 
 def of_page(teams: Sequence[Row], people: Sequence[Row]) -> list[float]:
-    """Returns the p of all comparisons of successes that the page makes, before any correction."""
-    return [each.found.p for each in (*team_tables(teams)[0], *people_tables(people)[0])]
+    """Returns the p of all comparisons of successes and of times that the page makes, before any correction."""
+    return _ps([*team_tables(teams)[0], *people_tables(people)[0]])
 
 
-def rival(rows: Sequence[Row], agent: str, laws: Sequence[str], metric: str) -> tuple[str, list[Row]]:
-    """Returns the law that solves most of the worlds of all, and among equals is the quickest, with its rows."""
-    here = complete(rows, (agent, *laws))
-    there = {row["policy"] for row in here}
-    best = min((law for law in laws if law in there), key=functools.partial(standing, here, metric))
-    return best, complete(rows, (agent, best))
+def _ps(told: Iterable[Compared]) -> list[float]:
+    return [less.p for each in told for less in (each.found, each.later)]
 
 
-Part = tuple[str, str, Sequence[str], str, Sequence[Row]]  # where, agent, laws of equal access, metric, rows
+def rival(rows: Sequence[Row], agents: Sequence[str], laws: Sequence[str], metric: str) -> tuple[str, str, list[Row]]:
+    """Returns the agent and the law that solve most of the worlds of all, of equals the quickest, and their rows."""
+    here = complete(rows, (*agents, *laws))
+    there = {row["policy"].partition(" seed ")[0] for row in here}
+    agent, law = (
+        min((name for name in names if name in there), key=functools.partial(standing, here, metric))
+        for names in (agents, laws)
+    )
+    return agent, law, complete(rows, (agent, law))
 
 
-def front_parts(teams: Sequence[Row], people: Sequence[Row]) -> list[Part]:
-    """Returns what README compares: agents beside laws of equal access."""
+Part = tuple[str, Sequence[str], Sequence[str], str, Sequence[Row]]  # where, agents, laws, metric, rows
+ON_README = (  # of the parts those of equal inputs, and in the crowds of others
+    "in the open, lidar only", "at doors and in rooms, lidar only", "on CrowdNav's test cases", "in AttnGraph's crowd",
+)  # fmt: skip
+
+
+def front_parts(teams: Sequence[Row], people: Sequence[Row]) -> Iterator[Part]:
+    """Yields what the page compares first: the best of some agents beside the best of some laws."""
     small = [row for row in independent(teams) if TEAM_FAMILIES[row["family"]].team <= TESTED]
-    by_scan = tuple(law for law in RIVALS["team_scan"] if law not in AGENTS and law in LEAST_ACCESS)
-    among = AMONG_PEOPLE["people_free"]
-    return [
-        ("in the open, lidar only", "team_scan", by_scan, "solved", of_kind(small, "open")),
-        ("at doors and in rooms", "team_scan", by_scan, "solved", of_kind(small, "walls")),
-        ("on CrowdNav's test cases", "people_free", among, "success", of_contest(people, "crowdnav")),
-        ("in AttnGraph's crowd", "people_free", among, "success", of_contest(people, "attngraph")),
-    ]
+    agents = tuple(agent for agent in RIVALS if agent in LEAST_ACCESS)
+    laws = [law for law in RIVALS["team_scan"] if law not in AGENTS]
+    for where, kind in (("in the open", "open"), ("at doors and in rooms", "walls")):
+        for what, told in (("lidar only", False), ("beside laws that see bodies", True)):
+            those = tuple(law for law in laws if (law not in LEAST_ACCESS) == told)
+            yield f"{where}, {what}", agents, those, "solved", of_kind(small, kind)
+    for where, contest in (
+        ("on CrowdNav's test cases", "crowdnav"),
+        ("in AttnGraph's crowd", "attngraph"),
+        ("among people who ignore the robot", "people-unseen"),
+        ("among people who avoid the robot", "people-seen"),
+    ):
+        yield where, (*AMONG_PEOPLE,), AMONG_PEOPLE["people_free"], "success", of_contest(people, contest)
 
 
 def front(teams: Sequence[Row], people: Sequence[Row]) -> str:
     """Returns the page's first table, losses included, and a film with what it shows."""
-    small = [row for row in independent(teams) if TEAM_FAMILIES[row["family"]].team <= TESTED]
-    laws = tuple(law for law in RIVALS["team_scan"] if law not in AGENTS)
-    by_scan = tuple(law for law in laws if law in LEAST_ACCESS)
-    told = tuple(law for law in laws if law not in LEAST_ACCESS)
-    among = AMONG_PEOPLE["people_free"]
-    parts: list[tuple[str, str, str, tuple[str, ...], list[Row]]] = [
-        *(
-            (f"{where}, beside laws {what}", "team_scan", "solved", those, of_kind(small, kind))
-            for kind, where in (("open", f"teams of up to {TESTED} in the open"), ("walls", "... at doors, in rooms"))
-            for what, those in (("of the scan", by_scan), ("that are told", told))
-        ),
-        ("CrowdNav's 500 tests, the robot unseen", "people_free", "success", among, of_contest(people, "crowdnav")),
-        ("AttnGraph's crowd of 20, unseen", "people_free", "success", among, of_contest(people, "attngraph")),
-        ("people who do not see the robot", "people_free", "success", among, of_contest(people, "people-unseen")),
-        ("people who see the robot", "people_free", "success", among, of_contest(people, "people-seen")),
-    ]
     lines, page_ps = [], of_page(teams, people)
-    for where, name, metric, those, rows in parts:
-        law, here = rival(rows, name, those, metric)
+    for where, agents, laws, metric, rows in front_parts(teams, people):
+        name, law, here = rival(rows, agents, laws, metric)
         found = less(here, name, law, metric)
         mine, theirs = ([f"`{each}`", share(here, each, metric), collisions(here, each)] for each in (name, law))
-        later = less(here, name, law, "extra_time", metric).shown
-        lines.append([where, *mine, *theirs, str(found.worlds), found.shown, found.outcome(page_ps), later])
+        later = less(here, name, law, "extra_time", metric)
+        told = ", ".join(filter(None, (found.outcome(page_ps), later.pace(page_ps))))
+        lines.append([where, *mine, *theirs, str(found.worlds), found.shown, told, later.shown])
     of_each = ["it solves (%)", "with a collision (%)"]
     header = [
-        "where", "agent", *of_each, "best law", *of_each, "worlds", "difference (points)", "outcome",
+        "where", "best agent", *of_each, "best law", *of_each, "worlds", "difference (points)", "outcome of the agent",
         "later, where both do (s)",
     ]  # fmt: skip
     filmed = [row for row in teams if row["family"] == FILMED.partition("/")[0]]
     out = {name: share(filmed, name, "arrived", 0) for name in ("team_guided", "orca_team", "vfh_plus")}
-    return f"""In short; the best controller is the one that solves most there. Better and worse are corrected for the
-{len(page_ps)} comparisons of this page; equivalent is an interval within {100.0 * MARGIN:g} point. `people_free`
-here, and `team_guided` below, are trained agents on top of `orca_team`; `team_scan` and `ppo` drive by themselves. With
-a collision are worlds in which somebody touched something.
+    return f"""In short: the agent and the controller that solve most there, teams of up to {TESTED}. Better and worse,
+faster and slower are corrected for the {len(page_ps)} comparisons of this page, of successes and of times; equivalent
+is an interval within {100.0 * MARGIN:g} point. `people_free` here, and `team_guided` below, are trained agents on top
+of `orca_team`; `team_scan` and `ppo` drive by themselves. With a collision are worlds in which somebody touched
+something. `vfh_plus` and `dwa` have their default gains: no search was made for teams.
 
 {table(lines, header)}
 
@@ -806,8 +815,9 @@ and of two that see the same the one that solved more. In parentheses: the least
 what people are put through, are compared in worlds that both solve. `team_guided` and `people_free` do not drive by
 themselves: each adds to what `orca_team` asks for, with its default gains, and what `team_guided` drives by that is
 still kept clear by the half-planes of `orca_team`. `ppo` is the agent for one robot among obstacles,
-to which others are a part of the scan; `team_scan` began as that, and went on in teams. Agents learned in the families
-that they are driven in, of other scenarios; `people_free` drove more than half of its training on CrowdNav's circle.
+to which others are a part of the scan, of which {seeds} seeds drive here; `team_scan` began as that, and went on in
+teams. Agents learned in the families that they are driven in, of other scenarios; `people_free` drove more than half
+of its training on CrowdNav's circle.
 
 What it does not show: other robots, noise, laws of the scan tuned for teams or people; families that an entry
 did not drive are empty below.
@@ -918,7 +928,7 @@ def page(teams: Sequence[Row], people: Sequence[Row], crossed: Sequence[Row], cu
         blocks.append(
             "## Learning curves\n\nOn validation scenarios, of which ten of a family.\n\n" + curve_table(curves)
         )
-    ps = [each.found.p for each in told]
+    ps = _ps(told)
     listed = "\n".join(f"* {each.sentence(ps)}" for each in told)
     return "\n\n".join([prose.strip(), *first, listed, *blocks]) + "\n"
 
@@ -926,7 +936,7 @@ def page(teams: Sequence[Row], people: Sequence[Row], crossed: Sequence[Row], cu
 def page_of(folder: Path) -> tuple[dict[str, list[dict[str, str]]], str]:
     """Returns the kept rows of a folder by their part, and the page that they make."""
     rows = {name: read(folder / file) for name, file in FILES.items()}
-    prose = PROSE.format(counts=counts(rows), tuning=tuning(), large=LARGE)
+    prose = PROSE.format(counts=counts(rows), tuning=tuning(), large=LARGE, seeds=PPO_SEEDS)
     return rows, page(rows["teams"], rows["people"], rows["cross"], rows["curves"], prose)
 
 

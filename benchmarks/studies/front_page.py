@@ -22,16 +22,17 @@ from sections import KEPT
 from wayfield import policies
 from wayfield.benchmarks.contests import PACE_TOLERANCE
 from wayfield.benchmarks.figures.drawing import RC
-from wayfield.benchmarks.leaderboards.verdicts import BETTER, EQUIVALENT, OPEN, WORSE, Verdict
+from wayfield.benchmarks.leaderboards.verdicts import BETTER, EQUIVALENT, OPEN, SLOWER, WORSE, Verdict
 from wayfield.benchmarks.statistics.aggregates import interval, mean
 from wayfield.envs.tasks.task import CONTROL_PERIOD
+from wayfield.policies.trained.ppo import shipped
 
 FIGURE, FILM = "docs/who_wins.png", "docs/drive.webp"
 FILMED = "moving_crowd/test"
 FRAME_PX, FRAME_SKIP, PACE_SHOWN = 480, 4, 2.0  # of each side; steps a frame; times the robots' own pace
 CONTROLLER, AGENT = "#0072B2", "#E69F00"  # of Okabe and Ito, apart for colour-blind readers
 SUCCESS = "success (%)"
-AGENT_OF = "ppo"  # that stands beside the controllers of a single robot
+PPO = "ppo"  # whose success is told where another agent is the best
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,7 +47,7 @@ class Bar:
 
 @dataclasses.dataclass(frozen=True)
 class Match:
-    """The best controller beside the agent in a kind of scenes."""
+    """The best controller beside the best agent in a kind of scenes."""
 
     where: str
     controller: Bar
@@ -55,6 +56,8 @@ class Match:
     outcome: str  # of the controller: BETTER, WORSE, EQUIVALENT, OPEN; AHEAD or BEHIND by the interval alone
     speeds: tuple[float, float] | None = None  # m/s, where they differ
     shares: tuple[float, float] | None = None  # of success (%), where these decide and errors are drawn
+    faster: str = ""  # of two that tie or are equivalent in success: by what the time decides for the better one
+    ppo: str = ""  # its success (%), where another agent is the best
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,19 +73,19 @@ class Panel:
 
 
 # The kinds of scenes of a task: as the leaderboards call them, and as README does.
-_TASKS: tuple[tuple[str, str, str, str, str, str, str, Mapping[str, str]], ...] = (
+_TASKS: tuple[tuple[str, str, str, str, str, str, Mapping[str, str]], ...] = (
     (
-        "Path following", "PPO", "RMS cross-track error (mm), lower is better", "mm", "paths",
+        "Path following", "RMS cross-track error (mm), lower is better", "mm", "paths",
         "path_following_p3dx", "{} tracks {where} more closely than {}",
         {"smooth paths": "smooth paths", "paths with corners": "paths with corners"},
     ),
     (
-        "Goal reaching without a map", "PPO", "success (%)", "%", "scenes",
+        "Goal reaching without a map", "success (%)", "%", "scenes",
         "claims/goal_obstacles_p3dx", "{} reaches more goals than {} {where}",
         {"static obstacles": "among static obstacles", "moving obstacles": "among moving obstacles"},
     ),
     (
-        "Docking (PPO with a fallback)", "PPO", "success (%)", "%", "docks",
+        "Docking (PPO with a fallback)", "success (%)", "%", "docks",
         "claims/docking_p3dx", "{} succeeds more often than {} {where}",
         {"free space": "in free space", "wall or parking bay": "at a wall or in a bay",
          "moving obstacles": "among moving obstacles"},
@@ -96,38 +99,56 @@ _SECTIONS = ("path-following", "goal-obstacles-claims", "docking-claims")  # who
 
 def panels(kept: Kept) -> Iterator[Panel]:
     """Yields the tasks that there are kept rows of."""
-    for title, name, axis, unit, scenes, stem, win, kinds in _TASKS:
+    for title, axis, unit, scenes, stem, win, kinds in _TASKS:
         board, lines = kept.rows(f"{stem}_board"), kept.rows(f"{stem}_pairs")
-        found = [_match(board, lines, kind, where, unit, name) for kind, where in kinds.items()]
+        found = [_match(board, lines, kind, where, unit) for kind, where in kinds.items()]
         if matches := tuple(each for each in found if each is not None):
             yield Panel(title, axis, unit, scenes, win, matches)
     if matches := tuple(_crowds(kept)):
         win = "{} solves more scenes than {} {where}"
-        yield Panel("Teams and crowds", "scenes solved (%)", "%", "scenes", win, matches)
+        yield Panel(f"Teams of up to {flocks.TESTED} and crowds", "scenes solved (%)", "%", "scenes", win, matches)
 
 
-def _match(board: Sequence[Row], lines: Sequence[Row], kind: str, where: str, unit: str, name: str) -> Match | None:
-    """Returns the best controller without a map beside the agent, in a kind of scenes."""
-    mine = [row for row in board if row["scenes"] == kind]
-    agent = next((row for row in mine if row["policy"] == AGENT_OF), None)
-    able = [row for row in mine if row["inputs"] != ONLY_MAP and row["policy"] not in LEARNED]
-    controller = next(iter(best_sets(able, at_pace(board, lines))), None)
+def _match(board: Sequence[Row], lines: Sequence[Row], kind: str, where: str, unit: str) -> Match | None:
+    """Returns the best controller without a map beside the best agent, in a kind of scenes."""
+    able = [row for row in board if row["scenes"] == kind and row["inputs"] != ONLY_MAP]
+    learned = [row for row in able if row["policy"] in LEARNED]
+    held = at_pace(board, lines)
+    agent = next(iter(best_sets(learned, held)), None)
+    controller = next(iter(best_sets([row for row in able if row not in learned], held)), None)
     if agent is None or controller is None:
         return None
     found = verdict_of(lines, kind, entry_of(controller), entry_of(agent))
     if found is None:
         return None
-    column = SUCCESS if unit == "%" else next(name for name in agent if name.endswith(f"error ({unit})"))
-    names = f"`{controller['policy']}`", name
+    cost = next(name for name in agent if name.endswith(("error (mm)", "time (s)")))
+    column = SUCCESS if unit == "%" else cost
+    names = (
+        f"`{controller['policy']}` ({_GAINS.get(controller['gains'], controller['gains'])})",
+        _agent(agent["policy"], "" if agent["gains"] == "trained" else "one seed"),
+    )
     bars = [Bar(each, *_numbers(row[column])) for each, row in zip(names, (controller, agent), strict=True)]
     here = Match(where, bars[0], bars[1], int(found[1]["scenarios"]), _outcome(*found, unit))
+    both = controller, agent
     if unit == "%":
-        return here
+        ppo = next((row for row in learned if row["policy"] == PPO and row is not agent), None)
+        here = dataclasses.replace(here, ppo="" if ppo is None else f"{_numbers(ppo[SUCCESS])[0]:.1f}")
+        timed = here.outcome in (BETTER, WORSE) and not found[0].on_success
+        times = [f"{_numbers(row[cost])[0]:.1f}" for row in both][:: 1 if here.outcome == BETTER else -1]
+        return dataclasses.replace(here, faster="{} vs. {} s".format(*times)) if timed else here
     speeds, shares = ((_numbers(controller[each])[0], _numbers(agent[each])[0]) for each in ("speed (m/s)", SUCCESS))
     if "successes" in found[0].words:
         return dataclasses.replace(here, shares=shares)
     apart = abs(speeds[0] - speeds[1]) > PACE_TOLERANCE * speeds[1]
     return dataclasses.replace(here, speeds=speeds if apart else None)
+
+
+_GAINS = {"default": "default gains"}
+
+
+def _agent(policy: str, seeds: str) -> str:
+    """Returns how a sentence calls an agent; where not all of several seeds drove, it says so."""
+    return ("PPO" if policy == PPO else f"agent `{policy}`") + (f" ({seeds})" if seeds else "")
 
 
 def _numbers(cell: str) -> tuple[float, float, float]:
@@ -136,20 +157,19 @@ def _numbers(cell: str) -> tuple[float, float, float]:
 
 
 def _outcome(verdict: Verdict, line: Row, turned: bool, unit: str) -> str:
-    """Returns what a pair's line says of the successes; of the errors where these are shown and decide."""
+    """Returns the verdict of a pair; where nothing decides, what its interval of success, or of error, says alone."""
     words = verdict.words
+    if verdict.outcome in (BETTER, WORSE):
+        return verdict.outcome
     of = "success" if unit == "%" or "successes" in words else "error"
     low, high = (
         float(line[name] or "nan") for name in (("from", "to") if of == "success" else ("cost from", "cost to"))
     )
     if turned != (of == "error"):  # less of an error is better
         low, high = -high, -low
-    if of == "error" and words.partition("; ")[2].startswith(("lower", "higher")):
-        found = BETTER if "lower error" in words else WORSE
-    elif verdict.on_success:
-        found = verdict.outcome
-    else:
-        found = EQUIVALENT if words == EQUIVALENT or f"{EQUIVALENT} in {of}" in words else OPEN
+    if verdict.outcome == SLOWER:  # an error at another speed, which is told beside it
+        return OPEN
+    found = EQUIVALENT if words == EQUIVALENT or f"{EQUIVALENT} in {of}" in words else OPEN
     return flocks.leaning(found, low, high).partition(", ")[0]
 
 
@@ -159,14 +179,19 @@ def _crowds(kept: Kept) -> Iterator[Match]:
     if not teams or not people:
         return
     of_page = flocks.of_page(teams, people)
-    for where, agent, laws, metric, rows in flocks.front_parts(teams, people):
-        law, here = flocks.rival(rows, agent, laws, metric)
-        less = flocks.less(here, agent, law, metric)
+    for where, agents, laws, metric, rows in flocks.front_parts(teams, people):
+        if where not in flocks.ON_README:
+            continue
+        agent, law, here = flocks.rival(rows, agents, laws, metric)
+        less, later = (flocks.less(here, agent, law, *of) for of in ((metric,), ("extra_time", metric)))
         told = less.outcome(of_page).partition(", ")[0]
-        outcome = {BETTER: WORSE, WORSE: BETTER, AHEAD: BEHIND, BEHIND: AHEAD}.get(told, told)
-        bars = [_bar(here, name, metric) for name in (law, agent)]
-        bars[1] = dataclasses.replace(bars[1], name=f"agent {bars[1].name}")
-        yield Match(where, bars[0], bars[1], less.worlds, outcome)
+        outcome, faster = {BETTER: WORSE, WORSE: BETTER, AHEAD: BEHIND, BEHIND: AHEAD}.get(told, told), ""
+        if outcome in (OPEN, EQUIVALENT) and (pace := later.pace(of_page)):
+            outcome, faster = WORSE if pace == "faster" else BETTER, f"{abs(later.value):.1f} s sooner"
+        gains = "tuned" if law.endswith(flocks.TUNED) else _GAINS["default"]
+        names = f"`{law.removesuffix(flocks.TUNED)}` ({gains})", _agent(agent, _seeds(here, agent))
+        bars = [Bar(name, *_share(here, of, metric)) for name, of in zip(names, (law, agent), strict=True)]
+        yield Match(where, bars[0], bars[1], less.worlds, outcome, faster=faster)
 
 
 def _rows(kept: Kept, name: str) -> list[Row]:
@@ -174,13 +199,19 @@ def _rows(kept: Kept, name: str) -> list[Row]:
     return list(csv.DictReader(io.StringIO(kept.text(place)))) if place in kept else []
 
 
-def _bar(rows: Sequence[Row], name: str, metric: str) -> Bar:
-    """Returns a share of worlds in per cent, over the worlds and the seeds of an agent."""
+def _seeds(rows: Sequence[Row], agent: str) -> str:
+    """Returns how many seeds of an agent drove, of those that ship; "" where all did."""
+    drove, all_of_them = flocks.seeds_of(rows, agent), len(list(shipped(flocks.AGENTS[agent], flocks.ROBOT)))
+    return "" if drove == all_of_them else f"{drove} of {all_of_them} seeds"
+
+
+def _share(rows: Sequence[Row], name: str, metric: str) -> tuple[float, float, float]:
+    """Returns a share of worlds in per cent with its interval, over the worlds and the seeds of an agent."""
     worlds = flocks.by_world(rows, name, metric)
     table = 100.0 * np.array(list(worlds.values()))
     ends = interval(table, ["/".join(key[:2]) for key in worlds], mean)
     value = float(table.mean())
-    return Bar(f"`{name.removesuffix(flocks.TUNED)}`", value, *(ends or (value, value)))
+    return value, *(ends or (value, value))
 
 
 def sentences(found: Sequence[Panel]) -> list[str]:
@@ -193,8 +224,11 @@ def _clause(panel: Panel, match: Match) -> str:
     turned = -1 if match.outcome in (WORSE, BEHIND) else 1  # the better one is named first
     names, values, speeds = (a.name, b.name)[::turned], (match.shares or (a.value, b.value))[::turned], match.speeds
     unit, win = (panel.unit, panel.win) if match.shares is None else ("%", "{} succeeds more often than {} {place}")
+    if match.faster:
+        win = "{} is faster than {} {place} at a tie in success"
     digits, of = (1, "success rate") if unit == "%" else (2, "error")
     numbers = f"{values[0]:.{digits}f} vs. {values[1]:.{digits}f} {unit}, {match.scenes:,} {panel.scenes}"
+    numbers = "; ".join(filter(None, (match.faster, numbers, match.ppo and f"PPO: {match.ppo} %")))
     if speeds:
         numbers += ", at {:.2f} vs. {:.2f} m/s".format(*speeds[::turned])
     words = {
@@ -215,7 +249,7 @@ def readme(kept: Kept) -> dict[str, bytes]:
 def _lines(found: Sequence[Panel]) -> list[str]:
     if not found:
         return ["No run of this version is published."]
-    shown = f"![The best controller beside the agent at each task, with 95 % intervals]({FIGURE})"
+    shown = f"![The best controller beside the best agent at each task, with 95 % intervals]({FIGURE})"
     return ["\n".join([shown, "", _count(found), "", *sentences(found)])]
 
 
@@ -228,8 +262,9 @@ def _count(found: Sequence[Panel]) -> str:
     won = sum(match.outcome == BETTER for match in matches)
     where = f" ({'; '.join(lost)})" if lost else ""
     return (
-        f"Of {len(matches)} kinds of scenes, controllers win {won}, agents win {len(lost)}{where}, and "
-        f"{len(matches) - won - len(lost)} are ties: not significant after correction for multiple comparisons."
+        f"Of {len(matches)} kinds of scenes, controllers win {won}, agents win {len(lost)}{where}, and neither wins "
+        f"{len(matches) - won - len(lost)}: equivalent, or no significant difference after correction for multiple "
+        "comparisons."
     )
 
 
@@ -256,7 +291,7 @@ def _draw(axes: Any, panel: Panel) -> None:
         for bar, colour, y in ((match.controller, CONTROLLER, k - 0.18), (match.agent, AGENT, k + 0.18)):
             reach = [[max(bar.value - bar.low, 0.0)], [max(bar.high - bar.value, 0.0)]]
             axes.barh(y, bar.value, 0.34, color=colour, xerr=reach, error_kw={"capsize": 3, "lw": 1.5})
-            name, value = bar.name.replace("`", "").removeprefix("agent "), f"{bar.value:.{digits}f}"
+            name, value = re.sub(r"`|^agent | \(.*\)", "", bar.name), f"{bar.value:.{digits}f}"
             inside = bar.value > 0.6 * ends
             if inside:
                 dark = colour == CONTROLLER

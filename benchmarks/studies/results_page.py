@@ -273,13 +273,13 @@ def _index(kept: Kept) -> str:
 
 
 READING = (
-    "Success is ranked first, then the time or the error of the runs that succeeded, each entry at its own speed. A "
-    "verdict is on success, as a paired difference; where that is equivalent or a tie, it is on the time or the error "
-    "of the scenarios that both solve. Better and worse are what outlasts Holm's correction for all comparisons of the "
-    f"page; equivalent is a 95 % interval within {MARGINS}, and of successes the exact limit too; all else is "
-    "a tie. `more successes (not significant)` is a tie too: the interval alone leaves out zero, the correction does "
-    "not, and time or error do not decide for it. A lower error at a lower speed, by over "
-    f"{100.0 * PACE_TOLERANCE:.0f} %, is no win."
+    "Success is ranked first, then the mean time or error of the solved scenarios, each entry at its own speed; "
+    "where some seeds of an agent fail, they count as the mean of its others there. A verdict is on success, as a "
+    "paired difference; where that is equivalent or a tie, it is on the time or the error of the scenarios that both "
+    "solve. Better and worse are what outlasts Holm's correction for all comparisons of the page; equivalent is a 95 % "
+    f"interval within {MARGINS}, and of successes the exact limit too; all else is a tie. `more successes (not "
+    "significant)` is neither: the interval alone leaves out zero, the correction does not, and time or error do not "
+    f"decide for it. A lower error at a lower speed, by over {100.0 * PACE_TOLERANCE:.0f} %, is no win."
 )
 
 
@@ -570,11 +570,11 @@ def _sentences(found: Sequence[Told]) -> str:
             here = [row for row in board if row["scenes"] == kind and not _has_map(row)]
             mine = best_sets(here, at_pace(board, lines))
             verdicts = [(row, verdict_of(lines, kind, entry_of(mine[0]), entry_of(row))) for row in mine[1:]]
-            outcomes = [(f"`{row['policy']}`", each[0].outcome) for row, each in verdicts if each]
+            outcomes = [(f"`{row['policy']}`", _nearness(each[0])) for row, each in verdicts if each]
             near = [
-                f"{outcome}: {', '.join(name for name, each in outcomes if each == outcome)}"
-                for outcome in (EQUIVALENT, OPEN)
-                if outcome in dict(outcomes).values()
+                f"{nearness}: {', '.join(name for name, each in outcomes if each == nearness)}"
+                for nearness in (EQUIVALENT, OPEN, _BEHIND)
+                if nearness in dict(outcomes).values()
             ]
             first[heading if kind in heading else f"{heading}, {kind}"] = f"`{mine[0]['policy']}`" + (
                 f" ({'; '.join(near)})" if near else ""
@@ -587,6 +587,14 @@ def _sentences(found: Sequence[Told]) -> str:
     if any("(" in each for each in first.values()):
         told.append(f"Equivalent: within {MARGINS}. Tie: no significant difference, corrected for all of the page.")
     return " ".join(told)
+
+
+_BEHIND = "behind, not significantly"
+
+
+def _nearness(verdict: Verdict) -> str:
+    """Returns the outcome of a first entry beside another; who fails more often by the interval alone is no tie."""
+    return _BEHIND if verdict.words.startswith("more successes (") else verdict.outcome
 
 
 # Where policies come first, and how a sentence says so.
@@ -636,7 +644,8 @@ def advised(kept: Kept) -> list[tuple[str, str, str, Mapping[str, str], str]]:
                 ]
                 sets = controller_first(best_sets(able, at_pace(board, lines)), lines)
                 alone = len(sets) < 2
-                other = best_sets(mine, at_pace(board, lines))[0] if alone else sets[1]  # who may have other inputs
+                others = [row for row in mine if row["policy"] != sets[0]["policy"]] if alone else sets[1:]
+                other = best_sets(others, at_pace(board, lines))[0]  # who may have other inputs
                 verdict = verdict_of(lines, kind, entry_of(sets[0]), entry_of(other))
                 lead = _lead(verdict, _named(entry_of(other))) if verdict else ""
                 if not lead and not alone:

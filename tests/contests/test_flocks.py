@@ -44,8 +44,8 @@ def test_the_rival_is_the_law_that_solves_most_and_of_such_the_quickest() -> Non
     rows = [drives("agent", [True] * 20), drives("poor", [False] * 20), drives("good", [True] * 20)]
     rows.append([{**row, "extra_time": "1.0"} for row in drives("quick", [True] * 20)])
     every = [row for each in rows for row in each]
-    assert flocks.rival(every, "agent", ("poor", "good", "quick"), "success")[0] == "quick"
-    assert flocks.rival(every, "agent", ("poor", "good"), "success")[0] == "good"
+    assert flocks.rival(every, ("poor", "agent"), ("poor", "good", "quick"), "success")[:2] == ("agent", "quick")
+    assert flocks.rival(every, ("agent",), ("poor", "good"), "success")[1] == "good"
 
 
 @pytest.mark.parametrize("law", ["orca_team", "vfh_plus"])

@@ -175,8 +175,8 @@ def test_the_losing_agents_are_told(repository: Path) -> None:
     assert run_publish(repository, "--no-run").exit_code == 0
     readme = (repository / "README.md").read_text(encoding="utf-8")
     # the losing agent stands beside the winner, with both numbers, in each kind of scenes
-    assert "`mpc` tracks smooth paths more closely than PPO (11.90 vs. 26.90 mm, 8 paths)" in readme
-    assert "`mpc` tracks paths with corners more closely than PPO (12.70 vs. 34.90 mm, 8 paths)" in readme
+    assert "`mpc` (tuned) tracks smooth paths more closely than PPO (11.90 vs. 26.90 mm, 8 paths)" in readme
+    assert "`mpc` (tuned) tracks paths with corners more closely than PPO (12.70 vs. 34.90 mm, 8 paths)" in readme
     page = (repository / sections.KEPT / "path-following.md").read_text(encoding="utf-8")
     lines = [
         each for each in page.splitlines() if (each.startswith("| mpc (tuned)") and "p 0" in each) or "p <" in each
@@ -220,7 +220,8 @@ def test_readme_says_of_a_pair_what_success_says_of_it_before_and_after_correcti
     writer.writeheader()
     writer.writerows(lines)
     kept.changed[f"{sections.KEPT}/{name}.csv"] = text.getvalue().encode()
-    names = [f"`{rival.partition(' ')[0]}`", "PPO"][:: -1 if wins else 1]
+    named = "`ilqr` (hand-tuned)" if "paths" in where else "`reeds_shepp_scan` (default gains)"
+    names = [named, "PPO"][:: -1 if wins else 1]
     joint = " and " if told in ("same", "open") else f" {WORDS[told]} "
     wanted = joint.join(names) + (f" {WORDS[told]}" if joint == " and " else "")
     assert wanted in "".join(front_page.sentences(list(front_page.panels(kept))))
