@@ -173,6 +173,7 @@ class Sandbox(Task):
             shove=None,
             disturbance="none",
             address=None,
+            wheels=None,
         )
         if options.actuators.response is not None:
             raise ValueError(f"robot {robot.name!r} has a delay or a response of its own, which no served world has")
