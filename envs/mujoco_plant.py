@@ -200,6 +200,8 @@ class World:
         """Returns the angles (n, wheels) of the driven wheels, rad."""
         own = self.data.qpos[: len(self.poses) * self.free].reshape(len(self.poses), self.free)
         turned = own[:, 7:] if self.free == 7 + self.per else own[:, 7 :: (self.free - 7) // self.per]
+        if self.axles == 1:
+            return np.array(turned)
         found: NDArray[np.float64] = turned.reshape(len(self.poses), -1, self.axles).mean(axis=2)
         return found
 
@@ -284,6 +286,18 @@ class MujocoPlant:
         self.before = np.zeros((num_envs, 3))
         self.slips = np.zeros((num_envs, len(task.robot.wheels)))
         self.places = np.zeros((task.max_obstacles, 2))
+        self._parts: tuple[Any, ...] | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_parts": None}  # views of arrays that are made anew
+
+    def _views(self, states: NDArray[np.void]) -> tuple[Any, ...]:
+        """Returns what a plant reads of a task's records, so that one kernel does for all tasks."""
+        if self._parts is None or self._parts[0] is not states:
+            task = self.task
+            grids = Grids(part_of(task.grids.frames, FRAME), task.grids.cells)
+            self._parts = states, part_of(task.params, ROBOT_PARAMS), part_of(states, ROBOT_STATE), grids
+        return self._parts[1:]
 
     def reset(self, rows: NDArray[np.int64], states: NDArray[np.void], obstacles: NDArray[np.void]) -> None:
         """Forgets the worlds of the robots in `rows`."""
@@ -315,9 +329,8 @@ class MujocoPlant:
         skip: NDArray[np.bool_],
     ) -> None:
         """Moves every robot that is not in `skip` by one control period."""
-        task, team, step = self.task, self.task.team, self.task.options.dt / self.count
-        params, robots = part_of(task.params, ROBOT_PARAMS), part_of(states, ROBOT_STATE)
-        grids = Grids(part_of(task.grids.frames, FRAME), task.grids.cells)
+        team, step = self.task.team, self.task.options.dt / self.count
+        params, robots, grids = self._views(states)
         for k, name in enumerate(("x", "y", "heading")):
             self.before[:, k] = states[name]
         command_rows(params, robots, actions, skip, self.factors, self.twists, self.speeds)

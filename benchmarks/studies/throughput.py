@@ -37,6 +37,7 @@ from wayfield.benchmarks.records.progress import tracked
 from wayfield.envs.crowds.people import ORCA, TURNS_BACK, WALK, stroll
 from wayfield.envs.scenarios import TASKS
 from wayfield.envs.scenarios.team_scenario import TeamScenario
+from wayfield.envs.tasks.task import CONTROL_PERIOD
 from wayfield.system.checks import MOST_THREADS
 from wayfield.system.command_line import OneLineErrors
 
@@ -167,6 +168,38 @@ def scanning() -> list[Contender]:
     return [*found, Contender(CARTPOLE, NUM_SCANNING, cartpole, cartpole=True)]
 
 
+def by_mujoco() -> list[Contender]:
+    """Returns the MuJoCo plant beside MuJoCo's own loop over the same model, where it is installed.
+
+    The loop does the physics of a control period and nothing else; the rest of a step is ours.
+    """
+    if not importlib.util.find_spec("mujoco"):
+        return []
+    import mujoco
+
+    from wayfield.envs.robots import ROBOTS
+    from wayfield.envs.robots.mjcf import TIMESTEP, mjcf
+
+    chosen = []
+    for name, env_id in (("p3dx", PATH_FOLLOWING), ("omni3", TASKS["path_following"].ids[True])):
+        model = mujoco.MjModel.from_xml_string(mjcf(ROBOTS[name]))
+        data = mujoco.MjData(model)
+        speeds = np.random.default_rng(0).uniform(-8.0, 8.0, (BLOCK * BLOCK, model.nu))
+
+        def loop(model: Any = model, data: Any = data, speeds: Any = speeds) -> int:
+            mujoco.mj_resetData(model, data)
+            for each in speeds:
+                data.ctrl[:] = each
+                mujoco.mj_step(model, data, round(CONTROL_PERIOD / TIMESTEP))
+            return len(speeds)
+
+        chosen += [
+            Contender(f"path following, {name}, mujoco", 1, single_steps(env_id, robot=name, dynamics="mujoco")),
+            Contender(f"{name}, MuJoCo's own loop", 1, loop),
+        ]
+    return chosen
+
+
 def contenders() -> list[Contender]:
     """Returns all that are timed; each has taken its first, slow steps."""
     goal: dict[str, Any] = {"scenario": "discs", "num_beams": 32}
@@ -195,6 +228,7 @@ def contenders() -> list[Contender]:
             "goal reaching, 32 rays, pymunk", NUM_PYMUNK, vector_steps(GOAL_REACHING, NUM_PYMUNK, **goal, **pymunk)
         ),
         Contender(CARTPOLE, NUM_PYMUNK, vector_steps(CARTPOLE, NUM_PYMUNK), cartpole=True),
+        *by_mujoco(),
     ]
     for contender in chosen:
         contender.steps()
