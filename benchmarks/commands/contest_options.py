@@ -47,6 +47,7 @@ from wayfield.policies.registry import POLICIES, RENAMED
 from wayfield.system.executors import cores
 
 DOCUMENTS = "documents"
+PAPERS = "papers"
 DYNAMICS = {**{each: (each,) for each in IN_PROCESS}, "both": ("kinematic", "pymunk")}
 KEPT = {"worst": WORST, "all": None}
 QUICK = "quick"
@@ -86,6 +87,7 @@ BELONGS: Mapping[str, tuple[str, tuple[str, ...], str]] = {
     "video": ("--video", ("path", DOCUMENTS), f"--suite {DOCUMENTS}"),
     "cross": ("--cross", ("contest",), "--suite teams"),
     "people": ("--people", ("contest",), "--suite people"),
+    "claim": ("--claim", (PAPERS,), f"--suite {PAPERS}"),
 }
 # What does not make an overview the run of a suite: options that all take, and what follows from others.
 _ALWAYS = ("suite", "policies", "seed", "out", "quick", "full", "count", "contests", "entering", "courses", "command")
@@ -118,6 +120,7 @@ class Options:
     video: bool = False
     keep: str | None = None  # of KEPT
     cross: bool = False  # also teams of two policies each, half and half
+    claim: str | None = None  # of a paper
     people: tuple[str, ...] | None = None  # laws of pedestrians; None: those of the scenario
     count: int | None = None  # processes
     # what follows from them, where a contest is run
@@ -219,6 +222,10 @@ class Options:
                 raise WrongOption(str(error)) from None
         if self.kind in PUBLIC:
             self._check_public()
+        if self.kind == PAPERS:
+            for name in ("policies", "dynamics", "actuators", "full"):
+                if getattr(self, name):
+                    raise WrongOption(f"{name} is said by the claim itself; --suite papers takes --episodes and --out")
         for name, suite in (("cross", "teams"), ("people", "people")):
             if getattr(self, name) and self.wanted != suite:
                 raise WrongOption(f"{name} belongs to --suite {suite}")

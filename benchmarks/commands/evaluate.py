@@ -19,6 +19,7 @@ from wayfield.benchmarks.commands.contest_options import (
     DOCUMENTS,
     DYNAMICS,
     KEPT,
+    PAPERS,
     QUICK,
     QUICK_FAMILIES,
     QUICK_POLICIES,
@@ -57,6 +58,8 @@ from wayfield.benchmarks.entrants.own_scenario import own_cases, own_courses, ow
 from wayfield.benchmarks.entrants.public_suites import PUBLIC, racetrack_courses
 from wayfield.benchmarks.leaderboards.document_tables import document_tables, ranked, reproduced
 from wayfield.benchmarks.leaderboards.terminal import MOST_LINES, print_short
+from wayfield.benchmarks.papers import CLAIMS
+from wayfield.benchmarks.papers.claim import drive, of_rows, told, written
 from wayfield.benchmarks.records.cases import Case
 from wayfield.benchmarks.records.episode import Episodes
 from wayfield.benchmarks.records.replays import drive_of, write_drives
@@ -89,8 +92,9 @@ from wayfield.system.command_line import (
 )
 from wayfield.system.executors import HERE, Executor
 from wayfield.system.extras import installs
+from wayfield.system.storage import write_whole
 
-SUITES = (OVERVIEW, DOCUMENTS, *CONTESTS, *CROWD_SUITES, DISTURBANCES, *PUBLIC)
+SUITES = (OVERVIEW, DOCUMENTS, *CONTESTS, *CROWD_SUITES, DISTURBANCES, PAPERS, *PUBLIC)
 MODES = tuple(mode for suite in PUBLIC.values() if len(suite.modes) > 1 for mode in suite.modes)
 FAMILIES = tuple(name for spec in EVERY.values() for name in spec.families)
 _NOTE_WIDTH = 120  # of the notes under the tables, in characters
@@ -157,6 +161,9 @@ class _Policies(Names):
     help="Test scenarios of a contest: 10 a family (test), or 100 others, which resolve one point of success "
     "(claims).  [default: test]",
 )
+@click.option(
+    "--claim", type=Choice("--claim", CLAIMS), help="Papers: the claim that is run again; see docs/claims.md."
+)
 @click.option("--cross", is_flag=True, help="Teams: also all pairs of policies in one scene, half and half.")
 @click.option(
     "--people",
@@ -221,6 +228,7 @@ def main(**given: Any) -> None:
       disturbances              these three, under growing disturbances
       teams, people, crowdnav   several robots; one robot among people
       documents                 the three reference papers
+      papers                    a published claim, run again: --claim NAME
       barn, mrpb, movingai,
       racetracks                public benchmarks, from --data FOLDER
 
@@ -401,12 +409,31 @@ def _run_contests(options: Options, suite: str, contests: tuple[str, ...], cours
     _tell(options, tables, findings, folder)
 
 
+def run_papers(options: Options) -> None:
+    """Runs a published claim again, and prints the verdict."""
+    if options.claim is None:
+        raise click.UsageError(f"--suite {PAPERS} needs --claim NAME, one of {', '.join(CLAIMS)}")
+    claim = CLAIMS[options.claim]
+    if claim.published:
+        raise click.UsageError(f"--claim {claim.name} is driven by a study of a clone: {claim.published}")
+    folder = options.folder(PAPERS, {"claim": claim.name, "episodes": options.episodes})
+    with _ended_by_signals():
+        rows = list(drive(claim, options.episodes or 0))
+    folder.mkdir(parents=True, exist_ok=True)
+    write_whole(folder / f"{claim.name}.csv", written(rows))
+    found, sides, strata = of_rows(claim, rows)
+    for line in told(claim, found, sides, len(strata)):
+        say(line)
+    say(f"Episodes: {folder / claim.name}.csv")
+
+
 RUNS: Mapping[str, Callable[[Options], None]] = {
     QUICK: run_quick,
     "path": run_path,
     "scenarios": run_scenarios,
     OVERVIEW: run_overview,
     DOCUMENTS: run_documents,
+    PAPERS: run_papers,
     "contest": run_contest,
 }  # by kind
 

@@ -41,6 +41,7 @@ STUDIES = {
     "everywhere": "A driver for every robot, away from home",
     "learning": "Learning curves: PPO, SAC and TD3",
     "filters": "Safety filters behind policies",
+    "papers": "Published claims, run again",
     "flocks": "Agents among others",
 }  # pages of their own
 BEGIN, END = "<!-- results: made by python benchmarks/studies/publish.py -->", "<!-- end of results -->"

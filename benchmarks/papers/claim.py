@@ -1,0 +1,290 @@
+"""A published claim as data, what it takes to run it again, and the verdict.
+
+A claim says that one policy does better than a rival. The rival is driven as the source has it (a), and with gains that
+were searched (b). All meet the same scenes, and the verdict follows from paired differences by one rule for all claims.
+"""
+
+import csv
+import dataclasses
+import io
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayfield.benchmarks.contests import ALL_CONTESTS, Course, Entrants
+from wayfield.benchmarks.contests.contest import HAND_TUNED, Contest
+from wayfield.benchmarks.entrants.own_policies import own_policy
+from wayfield.benchmarks.runs.suite import Setting, episodes
+from wayfield.benchmarks.statistics.paired import SIGNIFICANT, Difference, difference
+
+Array = NDArray[np.float64]
+Measure = Literal["success", "time", "error"]
+
+# Fixed beforehand, for all claims: what a difference has to exceed to matter. Points of success are shares here.
+MARGINS: Mapping[Measure, float] = {"success": 0.02, "time": 0.02, "error": 0.10}
+HOLDS = "holds"
+ONLY_UNTUNED = "holds only against the untuned rival"
+DOES_NOT_HOLD = "does not hold"
+OPEN = "open"
+NO_VERDICT = "no verdict: rival not reproduced"
+AGENT, UNTUNED, TUNED, ALSO = "agent", "a", "b", "c"  # sides, as rows call them
+COLUMNS = ("claim", "side", "seed", "family", "scene", "success", "cost")
+
+
+@dataclasses.dataclass(frozen=True)
+class Printed:
+    """A number of the source, and where it stands."""
+
+    words: str
+    number: str  # as printed
+    place: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Side:
+    """Who drives: a policy of the package with a set of gains, or a class of a module."""
+
+    words: str  # for the page
+    policy: str  # a name, or "module:Class gain=value", as `--policy` takes it
+    gains: str = "default"  # the set; of classes none
+    budget: str = "none"  # of search or training, in words
+    seeds: tuple[int, ...] = ()  # of a class that takes one
+
+
+@dataclasses.dataclass(frozen=True)
+class Gate:
+    """The printed number that the untuned rival has to come within the margin of before anything is judged."""
+
+    number: float  # a share of successes, s or m
+    words: str
+    calibrated: float | None = None  # what the rival came to in the source's own rules; None: what it does here
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Claim:
+    """A claim. One file has one, as `CLAIM`."""
+
+    name: str
+    sentence: str
+    source: str  # authors, title, where, year, address
+    printed: tuple[Printed, ...]
+    setting: str  # ours, in a sentence
+    differs: tuple[str, ...]  # from the source's setting, a line each
+    would_change: str  # what would change the verdict
+    contest: str  # the suite that it is driven in
+    families: tuple[str, ...]
+    robot: str
+    measure: Measure
+    agent: Side  # that is claimed to be better
+    untuned: Side | None  # (a); None: the source names no gains
+    tuned: Side | None  # (b); None: no search was made yet
+    also: Side | None = None  # (c), a part of the agent that it has to beat too
+    gate: Gate | None = None  # None: the source prints nothing that it could be compared with
+    split: str = "claims"
+    scenes: int = 25  # of each family
+    course: Course | None = None  # in place of families
+    published: str = ""  # the study that keeps its rows, where `evaluate` does not make them
+
+    @property
+    def sides(self) -> dict[str, Side]:
+        """Returns those that there are."""
+        found = {AGENT: self.agent, UNTUNED: self.untuned, TUNED: self.tuned, ALSO: self.also}
+        return {name: side for name, side in found.items() if side is not None}
+
+
+@dataclasses.dataclass(frozen=True)
+class Driven:
+    """What a side did: a line a scene, a column a trained agent."""
+
+    success: Array  # (s, r)
+    cost: Array  # (s, r) s or m
+
+    @property
+    def share(self) -> float:
+        """Returns the mean success."""
+        return float(self.success.mean())
+
+    @property
+    def mean_cost(self) -> float:
+        """Returns the mean cost of the successes; NaN without one."""
+        won = self.success > 0.0
+        return float(self.cost[won].mean()) if won.any() else math.nan
+
+
+def settings(claim: Claim, side: Side, scenes: int) -> Iterator[tuple[str, Setting]]:
+    """Yields the training seed ("" of controllers) and the setting of each part of a side."""
+    contest: Contest = ALL_CONTESTS[claim.contest]
+    if claim.course is not None:
+        courses = [dataclasses.replace(claim.course, members=claim.course.members[:scenes])]
+    else:
+        courses = [Course(family, claim.split) for family in claim.families]
+    own = ":" in side.policy
+    if own:
+        texts = [f"{side.policy} seed={seed}" for seed in side.seeds] or [side.policy]
+        entrants = Entrants((), own=tuple(map(own_policy, texts)))
+    else:
+        entrants = Entrants((side.policy,), ("tuned" if side.gains == HAND_TUNED["tuned"] else side.gains,))
+    for course in courses:
+        for case in contest.cases(claim.robot, course, entrants):
+            if own or case.gains_name == side.gains:
+                seed = str(case.gains.get("seed", ""))
+                yield seed, Setting(contest.name, case, "kinematic", "lagged", 0, scenes, members=course.members)
+
+
+def drive(claim: Claim, scenes: int = 0) -> Iterator[dict[str, str]]:
+    """Yields a row of COLUMNS for each episode.
+
+    Args:
+        scenes: of each family; 0: as the claim says.
+    """
+    metric = ALL_CONTESTS[claim.contest].cost.metric if claim.measure == "error" else "time"
+    for name, side in claim.sides.items():
+        for seed, setting in settings(claim, side, scenes or claim.scenes):
+            for i, (row, _) in enumerate(episodes(setting)):
+                cells = (claim.name, name, seed, row["family"], str(i), f"{int(row['success'])}", f"{row[metric]:.6g}")
+                yield dict(zip(COLUMNS, cells, strict=True))
+
+
+def gathered(rows: Iterable[Mapping[str, str]]) -> tuple[dict[str, Driven], list[str]]:
+    """Returns what each side did in the scenes that all met, in one order, and the family of each scene.
+
+    Raises:
+        ValueError: if a side lacks rows.
+    """
+    found: dict[str, dict[tuple[str, str], dict[str, tuple[float, float]]]] = {}
+    for row in rows:
+        scene = found.setdefault(row["side"], {}).setdefault((row["family"], row["scene"]), {})
+        scene[row["seed"]] = float(row["success"]), float(row["cost"] or "nan")
+    scenes = sorted(set.intersection(*(set(each) for each in found.values()))) if found else []
+    if not scenes:
+        raise ValueError("no scene was met by all sides")
+    sides = {}
+    for name, by_scene in found.items():
+        seeds = sorted({seed for each in by_scene.values() for seed in each})
+        table = np.array([[by_scene[scene][seed] for seed in seeds] for scene in scenes])
+        sides[name] = Driven(table[:, :, 0], table[:, :, 1])
+    return sides, [family for family, _ in scenes]
+
+
+def gain(agent: Driven, rival: Driven, strata: Sequence[str], measure: Measure) -> Difference:
+    """Returns by how much the agent does better: a share of successes, or of the rival's mean time or error.
+
+    Times and errors are compared in the scenes that every seed of both solves.
+    """
+    if measure == "success":
+        return difference(agent.success, rival.success, strata, "share")
+    both = np.asarray((agent.success > 0.0).all(axis=1) & (rival.success > 0.0).all(axis=1))
+    if not both.any():
+        return Difference(math.nan, math.nan, math.nan, math.nan)
+    scale = float(rival.cost[both].mean())
+    kept = [stratum for stratum, there in zip(strata, both, strict=True) if there]
+    return difference(-agent.cost[both] / scale, -rival.cost[both] / scale, kept)
+
+
+@dataclasses.dataclass(frozen=True)
+class Finding:
+    """The verdict, and what it comes from."""
+
+    verdict: str
+    gains: Mapping[str, Difference]  # of the agent against each side that there is
+    measured: float  # what the gate looked at; NaN without one
+
+
+def judge(
+    claim: Claim, sides: Mapping[str, Driven], strata: Sequence[str], corrected: Mapping[str, float] | None = None
+) -> Finding:
+    """Returns the verdict.
+
+    Better is a difference whose 95 % interval lies above 0 and whose p is below 0.05. The verdict is
+
+    - none, where the rival as the source has it misses the printed number by more than the margin;
+    - HOLDS, where the agent is better than the tuned rival, and than (c) where there is one;
+    - DOES_NOT_HOLD, where it is worse than (c);
+    - OPEN, where no rival was tuned, or the interval against the tuned one covers 0 and reaches beyond the margin;
+    - ONLY_UNTUNED, where it is better than the untuned rival alone;
+    - DOES_NOT_HOLD otherwise.
+
+    Args:
+        corrected: p against each side, corrected for all comparisons of a page; None: the claim stands alone.
+    """
+    margin = MARGINS[claim.measure]
+    found = {name: gain(sides[AGENT], each, strata, claim.measure) for name, each in sides.items() if name != AGENT}
+    ps = {name: each.p for name, each in found.items()} if corrected is None else corrected
+    measured = math.nan
+    if claim.gate is not None and UNTUNED in sides:
+        here = sides[UNTUNED].share if claim.measure == "success" else sides[UNTUNED].mean_cost
+        measured = here if claim.gate.calibrated is None else claim.gate.calibrated
+        if not abs(measured - claim.gate.number) <= (1.0 if claim.measure == "success" else claim.gate.number) * margin:
+            return Finding(NO_VERDICT, found, measured)
+
+    def better(name: str) -> bool:
+        return name in found and found[name].low > 0.0 and ps[name] < SIGNIFICANT
+
+    tuned = found.get(TUNED)
+    if better(TUNED) and (ALSO not in found or better(ALSO)):
+        verdict = HOLDS
+    elif ALSO in found and found[ALSO].high < 0.0:
+        verdict = DOES_NOT_HOLD
+    elif tuned is None or not tuned.high <= margin:
+        verdict = OPEN
+    else:
+        verdict = ONLY_UNTUNED if better(UNTUNED) else DOES_NOT_HOLD
+    return Finding(verdict, found, measured)
+
+
+LABELS = {AGENT: "claimed", UNTUNED: "(a)", TUNED: "(b)", ALSO: "(c)"}
+
+
+def measured_words(claim: Claim, side: Driven) -> str:
+    """Returns success and cost of a side."""
+    cost = f"{1000.0 * side.mean_cost:.2f} mm" if claim.measure == "error" else f"{side.mean_cost:.1f} s"
+    return f"{100.0 * side.share:.1f} %, {cost}"
+
+
+def gate_words(claim: Claim, measured: float) -> str:
+    """Returns what the gate came to; "" without one."""
+    if claim.gate is None:
+        return "the source prints no number of (a) to compare with"
+    unit, factor = ("%", 100.0) if claim.measure == "success" else ("s", 1.0)
+    return f"(a) {factor * measured:.1f} {unit}, printed {factor * claim.gate.number:.1f} {unit} ({claim.gate.words})"
+
+
+def told(claim: Claim, found: Finding, sides: Mapping[str, Driven], scenes: int) -> Iterator[str]:
+    """Yields the lines of a claim: what was driven, what it comes to, and what differs."""
+    yield claim.sentence
+    yield f"  {claim.source}"
+    for line in claim.differs:
+        yield f"  differs: {line}"
+    for name, side in claim.sides.items():
+        seeds = f", {sides[name].success.shape[1]} seeds" if sides[name].success.shape[1] > 1 else ""
+        yield f"  {LABELS[name]:8} {side.words}: success {measured_words(claim, sides[name])} (n = {scenes}{seeds})"
+    for name, each in found.gains.items():
+        yield f"  against {LABELS[name]}: {shown(each, claim.measure)}"
+    yield f"  gate: {gate_words(claim, found.measured)}"
+    yield f"  verdict: {found.verdict}"
+
+
+def shown(found: Difference, measure: Measure) -> str:
+    """Returns a difference with its interval, in points of success or per cent."""
+    unit = "points" if measure == "success" else f"% less {measure}"
+    if math.isnan(found.low):
+        return "not known" if math.isnan(found.value) else f"{100.0 * found.value:+.1f} {unit}"
+    return f"{100.0 * found.value:+.1f} [{100.0 * found.low:+.1f}, {100.0 * found.high:+.1f}] {unit}"
+
+
+def of_rows(claim: Claim, rows: Iterable[Mapping[str, Any]]) -> tuple[Finding, dict[str, Driven], list[str]]:
+    """Returns the verdict of rows of a claim, what each side did, and the family of each scene."""
+    sides, strata = gathered(rows)
+    return judge(claim, sides, strata), sides, strata
+
+
+def written(rows: Iterable[Mapping[str, str]]) -> bytes:
+    """Returns rows as the content of a CSV file."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue().encode()

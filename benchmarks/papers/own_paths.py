@@ -1,0 +1,26 @@
+"""Our own: ilqr tracks smooth paths more closely than the PPO agents that ship."""
+
+from wayfield.benchmarks.contests import CONTESTS
+from wayfield.benchmarks.papers.claim import Claim, Printed, Side
+
+CLAIM = Claim(
+    name="own_paths",
+    sentence="`ilqr` tracks smooth paths more closely than PPO.",
+    source="wayfield, README, Who wins",
+    printed=(
+        Printed("ilqr, RMS cross-track error after settling", "0.92 mm", "README"),
+        Printed("PPO", "2.83 mm", "README"),
+    ),
+    setting="P3DX, lagged actuators, ten smooth families of the test split, ten paths each.",
+    differs=("Nothing: it is our setting. The claim is one for a controller, so the rival is the agent.",),
+    would_change="An agent by other rewards or more steps; `ilqr` reads the path, the agent a preview of a metre.",
+    contest="path-following",
+    families=CONTESTS["path-following"].scenes["smooth paths"],
+    robot="p3dx",
+    measure="error",
+    agent=Side("`ilqr`, hand-tuned", "ilqr", "hand-tuned", "compared by hand, no record of a search"),
+    untuned=None,
+    tuned=Side("PPO, ten seeds", "ppo", "trained", "preset path_following, chosen on validation"),
+    split="test",
+    scenes=10,
+)

@@ -1,0 +1,21 @@
+"""Our own: agents that see their scan alone bring more teams home in the open than DWA."""
+
+from wayfield.benchmarks.papers.claim import Claim, Printed, Side
+
+CLAIM = Claim(
+    name="own_teams",
+    sentence="Agent `team_scan` solves more scenes than `dwa` with teams in the open, by lidar alone.",
+    source="wayfield, README, Who wins",
+    printed=(Printed("team_scan", "95.4 %", "README"), Printed("dwa", "71.0 %", "README")),
+    setting="Teams of omni3, lagged actuators, 72 beams, families without walls of up to 32 robots.",
+    differs=("Nothing: it is our setting.",),
+    would_change="A search for DWA's gains in teams: there is none yet, and the agents were trained in teams.",
+    contest="teams",
+    families=(),
+    robot="omni3",
+    measure="success",
+    agent=Side("`team_scan`, the seeds that ship", "team_scan", "trained", "preset teams_scan, 2.5 M steps a seed"),
+    untuned=Side("`dwa`, default gains", "dwa"),
+    tuned=None,
+    published="python benchmarks/studies/flocks.py --drive teams",
+)

@@ -1,0 +1,195 @@
+"""Published claims, run again: the table of all, from kept rows.
+
+    nice -n 19 python benchmarks/studies/papers.py --drive NAME
+
+Our own claims are read from the rows of the pages that they stand on, CrowdNav's from those of flocks; the others from
+docs/results/papers.csv, to which --drive adds.
+"""
+
+import csv
+import io
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+
+import click
+import flocks
+import sections
+from kept_rows import SUFFIX, read_packed
+
+from wayfield.benchmarks.contests import ALL_CONTESTS
+from wayfield.benchmarks.papers import CLAIMS
+from wayfield.benchmarks.papers.claim import (
+    AGENT,
+    DOES_NOT_HOLD,
+    HOLDS,
+    LABELS,
+    MARGINS,
+    NO_VERDICT,
+    ONLY_UNTUNED,
+    OPEN,
+    Claim,
+    Driven,
+    Finding,
+    drive,
+    gate_words,
+    gathered,
+    judge,
+    measured_words,
+    shown,
+    written,
+)
+from wayfield.benchmarks.statistics.paired import holm
+from wayfield.envs.scenarios.team_families import TEAM_FAMILIES
+from wayfield.system.storage import write_whole
+
+KEPT = Path(sections.KEPT)
+TABLE, PAGE = KEPT / "papers.csv", KEPT / "papers.md"
+PACKED = {"own_paths": "path-following", "own_goals": "goal-obstacles-claims"}  # claims, and the rows of their pages
+TUNED = " tuned"
+
+Row = Mapping[str, str]
+
+
+def of_page(claim: Claim, rows: Iterable[Row]) -> Iterator[dict[str, str]]:
+    """Yields the rows of a claim from those of a published contest."""
+    metric = ALL_CONTESTS[claim.contest].cost.metric if claim.measure == "error" else "time"
+    wanted = {(side.policy, side.gains): name for name, side in claim.sides.items()}
+    for row in rows:
+        name = wanted.get((row["policy"], row["gains_name"]))
+        here = row["split"] == claim.split and row["family"] in claim.families and not row["speed"]
+        if name and here and row["disturbance"] == "none":
+            scene = {"claim": claim.name, "side": name, "seed": row["agent_seed"], "family": row["family"]}
+            yield {**scene, "scene": row["episode"], "success": row["success"], "cost": row[metric]}
+
+
+def of_flocks(claim: Claim, rows: Iterable[Row], success: str, cost: str) -> Iterator[dict[str, str]]:
+    """Yields the rows of a claim from those of the study of teams and people."""
+    wanted = {side.policy + (TUNED if side.gains == "tuned" else ""): name for name, side in claim.sides.items()}
+    for row in rows:
+        policy, _, seed = row["policy"].partition(" seed ")
+        if policy in wanted:
+            scene = {"claim": claim.name, "side": wanted[policy], "seed": seed, "family": row["family"]}
+            yield {**scene, "scene": row["world"], "success": row[success], "cost": row[cost]}
+
+
+def rows_of(claim: Claim, root: Path) -> list[dict[str, str]]:
+    """Returns the kept rows of a claim."""
+    if claim.name in PACKED:
+        return list(of_page(claim, read_packed(root / sections.ROWS / f"{PACKED[claim.name]}{SUFFIX}")))
+    if claim.contest == "teams":
+        rows = []
+        for row in flocks.independent(flocks.read(root / KEPT / "flocks.csv")):
+            family = row["family"]
+            if flocks.is_of("open", family) and TEAM_FAMILIES[family].team <= flocks.TESTED:
+                turned = family.startswith(flocks.TURNED)  # one stratum, a size a scene
+                rows.append({**row, "family": flocks.TURNED, "world": family} if turned else row)
+        return list(of_flocks(claim, rows, "solved", "extra_time"))
+    if claim.name == "crowdnav":
+        people = flocks.read(root / KEPT / "flocks_people.csv")
+        return list(of_flocks(claim, [row for row in people if row["contest"] == "crowdnav"], "success", "time"))
+    return [row for row in read(root) if row["claim"] == claim.name]
+
+
+def read(root: Path = Path()) -> list[dict[str, str]]:
+    """Returns the rows that were driven for this page alone."""
+    file = root / TABLE
+    return list(csv.DictReader(io.StringIO(file.read_text("utf-8")))) if file.exists() else []
+
+
+Judged = tuple[Claim, Finding, dict[str, Driven], int]
+
+
+def judged(root: Path = Path()) -> list[Judged]:
+    """Returns the claims with their verdicts, corrected for all comparisons of the page."""
+    found = [(claim, *gathered(rows_of(claim, root))) for claim in CLAIMS.values()]
+    first = [judge(*each) for each in found]
+    names = [(k, name) for k, each in enumerate(first) for name in each.gains]
+    corrected = dict(zip(names, holm([first[k].gains[name].p for k, name in names]), strict=True))
+    return [
+        (
+            claim,
+            judge(claim, sides, strata, {name: corrected[k, name] for name in sides if name != AGENT}),
+            sides,
+            len(strata),
+        )
+        for k, (claim, sides, strata) in enumerate(found)
+    ]
+
+
+def counted(found: Sequence[Judged]) -> str:
+    """Returns how many claims hold, in a sentence."""
+    kinds = (HOLDS, ONLY_UNTUNED, DOES_NOT_HOLD, OPEN, NO_VERDICT)
+    counts = [sum(each.verdict == kind for _, each, _, _ in found) for kind in kinds]
+    rest = ", ".join(f"{count} {kind}" for kind, count in zip(kinds[1:], counts[1:], strict=True) if count)
+    return f"{counts[0]} of {len(found)} claims hold; {rest}."
+
+
+def page(root: Path = Path()) -> str:
+    """Returns the page."""
+    found = judged(root)
+    margins = ", ".join(
+        f"{100.0 * margin:g} {'points of success' if name == 'success' else f'% of {name}'}"
+        for name, margin in MARGINS.items()
+    )
+    lines = [
+        "# Published claims, run again", "",
+        "Made by `python benchmarks/studies/papers.py` from kept rows. [All results](../results.md). "
+        "[How to add a claim, and how authors answer](../claims.md).", "",
+        f"**{counted(found)}** The first three are our own, from the front page.", "",
+        "Each claim says that one policy does better than a rival. (a) is the rival as the source has it, (b) the same "
+        "with gains that were searched on training scenes, (c) a part that the claimed policy contains. All meet the "
+        "same scenes. Better: a 95 % interval above 0, after Holm's correction for all comparisons of this page. "
+        f"Margins: {margins}. `{HOLDS}`: better than (b). `{ONLY_UNTUNED}`: better than (a), and against (b) no more "
+        f"than the margin. `{OPEN}`: no (b) was searched, or the interval against (b) reaches beyond the margin. "
+        f"`{NO_VERDICT}`: (a) misses the printed number by more than the margin.", "",
+        "| claim | setting | claimed | (a) | (b) | against (a) | against (b) | n | verdict |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]  # fmt: skip
+    for claim, each, sides, scenes in found:
+        driven = [measured_words(claim, sides[name]) if name in sides else "" for name in (AGENT, "a", "b")]
+        gains = [shown(each.gains[name], claim.measure) if name in each.gains else "" for name in ("a", "b")]
+        lines.append(f"| {' | '.join([claim.sentence, claim.setting, *driven, *gains, str(scenes), each.verdict])} |")
+    for claim, each, sides, scenes in found:
+        lines += ["", f"## {claim.name}", "", f"{claim.sentence} {claim.source}.", ""]
+        lines += ["What differs from the source:", "", *(f"- {line}" for line in claim.differs), ""]
+        lines += ["| printed | number | where |", "|---|---|---|"]
+        lines += [f"| {row.words} | {row.number} | {row.place} |" for row in claim.printed]
+        lines += [
+            "",
+            "| side | policy | budget | success and cost | seeds | claimed against it |",
+            "|---|---|---|---|---|---|",
+        ]
+        for name, side in claim.sides.items():
+            told = shown(each.gains[name], claim.measure) if name in each.gains else ""
+            cells = [LABELS[name], side.words, side.budget, measured_words(claim, sides[name])]
+            lines.append(f"| {' | '.join([*cells, str(sides[name].success.shape[1]), told])} |")
+        command = claim.published or f"wayfield evaluate --suite papers --claim {claim.name}"
+        lines += [
+            "",
+            f"n = {scenes} scenes. Gate: {gate_words(claim, each.measured)}. Verdict: **{each.verdict}**.",
+            "",
+        ]
+        lines += [f"What would change it: {claim.would_change}", "", f"Again: `{command}`."]
+    left = (
+        "Left out", "",
+        "- A residual on pure pursuit cuts lap times (Trumpp et al. 2023): it needs a car with tyres, which there is "
+        "not yet.",
+        "- PPO that sets pure pursuit's look-ahead (Elgouhary and El-Wakeel 2026), success over the number of training "
+        "worlds (Xu et al. 2023), APPLR (Xu et al. 2021), speed control by learning (Chemin et al. 2024): "
+        "agents made as these papers say have to be trained first.",
+    )  # fmt: skip
+    return "\n".join([*lines, "", f"## {left[0]}", *left[1:], ""])
+
+
+@click.command(context_settings={"help_option_names": ["-h", "--help"]})
+@click.option("--drive", "names", multiple=True, type=click.Choice(list(CLAIMS)), help="A claim to drive anew.")
+def main(names: tuple[str, ...]) -> None:
+    """Drives claims, and makes the page."""
+    for name in names:
+        rows = [row for row in read() if row["claim"] != name] + list(drive(CLAIMS[name]))
+        write_whole(TABLE, written(rows))
+    write_whole(PAGE, page().encode())
+
+
+if __name__ == "__main__":
+    main()
