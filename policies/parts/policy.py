@@ -23,7 +23,7 @@ class Policy(Protocol):
 
     @property
     def knows(self) -> str:
-        """Returns the privileged information that it needs: "sensors" (none), "path", "goal", "map" or "team_map"."""
+        """Returns the privileged information that it needs, one of `KNOWS` of the briefing: "sensors" is none."""
 
     @property
     def observes(self) -> tuple[type, ...]:

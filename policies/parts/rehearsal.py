@@ -51,10 +51,11 @@ def rehearse(law: Any, briefing: Briefing) -> None:
     run = driven.runs[driven.path_index[k]]
     first = driven.vertices[run["first"]]
     others = f", nor of {lost.sum() - 1} others" if lost.sum() > 1 else ""
+    instead = "lqr, stanley or regulated_pure_pursuit" if briefing.robot.turns_on_the_spot else "lqr"
     warnings.warn(
         f"{type(law).__name__} is likely not to get to the end of the path of {run['length']:.4g} m from "
         f"({first['x']:.4g}, {first['y']:.4g}){others}: it is lost at {reached[k]:.3g} m; "
-        "choose lqr, stanley or regulated_pure_pursuit",
+        f"choose {instead}",
         PathLost,
         stacklevel=4,
     )

@@ -1,5 +1,6 @@
 """Paths as planners, recorders and designers write them: every law gets to the end, or the path is warned of."""
 
+import dataclasses
 import itertools
 import math
 import warnings
@@ -13,11 +14,13 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from wayfield import policies
+from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios import PATH_SCENARIOS, PathScenario, path_scenarios
 from wayfield.envs.scenarios.path_families import PATH_FAMILIES
 from wayfield.envs.tasks.briefing import Course
 from wayfield.envs.world.paths import Path, PathPool, doubt
 from wayfield.policies.parts.path_smoothing import smoothed
+from wayfield.policies.parts.policy import check_robot
 from wayfield.policies.parts.rehearsal import PathLost
 from wayfield.policies.parts.steering import Motion
 from wayfield.policies.pilot import Pilot
@@ -262,3 +265,18 @@ def test_a_path_that_leads_straight_back_is_warned_of_and_a_wiggle_is_not() -> N
     ):
         assert "turns straight back" in doubt(Path(way))
     assert not doubt(Path([(0.0, 0.0), (2.0, 0.0), (1.98, 0.0), (5.0, 0.0)]))
+
+
+def test_a_car_is_told_of_laws_that_drive_one() -> None:
+    """Where a path is lost; the others turn on the spot, and refuse it."""
+    for radius, instead in ((0.0, "lqr, stanley or regulated_pure_pursuit"), (3.0, "lqr")):
+        robot = dataclasses.replace(ROBOTS["p3dx"], name="car", turning_radius=radius)
+        env: Any = gymnasium.make(
+            "wayfield/DiffDrivePathFollowing-v0", scenario="polylines_150/test", robot=robot, actuators="slow"
+        )
+        env.reset(seed=0)
+        law = policies.make("pure_pursuit", lookahead_distance=0.01, speed=1.2)
+        with pytest.warns(PathLost, match=f"; choose {instead}$"):
+            Pilot(law, env).reset()
+        for name in instead.replace(",", "").replace(" or", "").split():
+            check_robot(policies.make(name), robot)
