@@ -63,6 +63,12 @@ POLICY_FILMS: Mapping[str, Film] = {
     "hybrid": Film("hybrid", "clutter_10/train", 1, "p3dx"),
 }
 
+# Of bases whose hulls are larger than the frozen scenes are for.
+HULL_FILMS: Mapping[str, Film] = {
+    "mir100_door": Film("scan_planner", "doors_narrow/train@0.60", 1, "mir100", 120.0),
+    "husky_crowd": Film("scan_planner", "moving_crowd/train@0.60", 0, "husky", 120.0),
+}
+
 
 def stem_of(env_id: str) -> str:
     """Returns what the files of an environment are called, without their ends."""
@@ -219,14 +225,20 @@ def driven(env_id: str, shown: Film) -> tuple[bytes, bytes]:
     return _png(Image.fromarray(way.picture(_PICTURE_PX))), film
 
 
+def id_of(shown: Film) -> str:
+    """Returns the environment of a drive."""
+    named = shown.scenario.partition("/")[0]
+    spec = next(spec for spec in EVERY.values() if named in {*spec.families, *spec.presets})
+    return spec.env_id(robot_of(shown.robot))
+
+
 def files() -> dict[str, bytes]:
     """Returns all pictures by their names."""
     made = {sheet_name(spec): sheet_png(spec) for spec in EVERY.values()}
     for name, shown in POLICY_FILMS.items():
-        spec = next(
-            spec for spec in EVERY.values() if shown.scenario.partition("/")[0] in {*spec.families, *spec.presets}
-        )
-        made[f"policy_{name}.gif"] = driven(spec.env_id(robot_of(shown.robot)), shown)[1]
+        made[f"policy_{name}.gif"] = driven(id_of(shown), shown)[1]
+    for name, shown in HULL_FILMS.items():
+        made[f"hull_{name}.png"] = driven(id_of(shown), shown)[0]
     for env_id, shown in FILMS.items():
         made[f"{stem_of(env_id)}.png"], made[f"{stem_of(env_id)}.gif"] = driven(env_id, shown)
     return made

@@ -42,6 +42,7 @@ STUDIES = {
     "learning": "Learning curves: PPO, SAC and TD3",
     "filters": "Safety filters behind policies",
     "papers": "Published claims, run again",
+    "hulls": "Hulls of 0.3 to 0.7 m",
     "flocks": "Agents among others",
 }  # pages of their own
 BEGIN, END = "<!-- results: made by python benchmarks/studies/publish.py -->", "<!-- end of results -->"

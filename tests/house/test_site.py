@@ -71,6 +71,7 @@ def test_pictures_are_small_and_nothing_else_is_there() -> None:
     made = {pictures.sheet_name(spec) for spec in EVERY.values()}
     made |= {f"{pictures.stem_of(env_id)}.{kind}" for env_id in IDS for kind in ("png", "gif")}
     made |= {f"policy_{name}.gif" for name in pictures.POLICY_FILMS}
+    made |= {f"hull_{name}.png" for name in pictures.HULL_FILMS}
     assert set(there) == made
     assert set(pictures.FILMS) == set(IDS)
 

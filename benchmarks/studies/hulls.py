@@ -1,0 +1,197 @@
+"""Hulls from 0.3 to 0.7 m: who arrives in the scenes of its class, and what scenes there are.
+
+    python benchmarks/studies/hulls.py
+
+A cell that is in docs/results/hulls.csv.xz is not driven again; the page is made from that file and hulls.json.
+"""
+
+import csv
+import dataclasses
+import io
+import json
+import lzma
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from everywhere import read_rows
+from tabulate import tabulate
+
+from wayfield.benchmarks.contests import CONTESTS, Contest, Entrants
+from wayfield.benchmarks.runs.suite import Setting, episodes
+from wayfield.benchmarks.statistics.crossed import share_interval
+from wayfield.envs.robots import ROBOTS, Robot
+from wayfield.envs.scenarios import TASKS
+from wayfield.envs.scenarios.splits import digest, split
+from wayfield.system.command_line import OneLineErrors
+from wayfield.system.storage import write_whole
+
+KEPT = Path("docs/results")
+ROWS, SCENES, PAGE = KEPT / "hulls.csv.xz", KEPT / "hulls.json", KEPT / "hulls.md"
+FIELDS = ("robot", "kind", "family", "scene", "policy", "success", "collision", "time")
+COUNT = 100  # scenes a cell, at least
+HULLS = (0.3, 0.35, 0.45, 0.55, 0.7)  # m
+CLASSES = (0.35, 0.5, 0.7)  # m, of which all test scenes are proven
+BASE = ROBOTS["mir100"]
+SEEKERS = ("vfh_plus", "dwa", "scan_planner", "any_robot")
+FIRST = ("scan_planner", "reeds_shepp_scan", "vfh_plus", "dwa", "any_robot")  # quick ones, where time is short
+
+
+@dataclasses.dataclass(frozen=True)
+class Kind:
+    """A kind of scenes, and who drives there."""
+
+    title: str
+    contest: Contest
+    moving: bool | None  # of the families that are meant; None: all
+    policies: tuple[str, ...]
+
+    @property
+    def families(self) -> tuple[str, ...]:
+        """Returns the families."""
+        told = self.contest.spec.families
+        return tuple(each for each in self.contest.families("kinematic") if self.moving in (None, told[each].moving))
+
+
+KINDS = {
+    "still": Kind("Goals among static obstacles", CONTESTS["goal-obstacles"], False, SEEKERS),
+    "moving": Kind("Goals among moving obstacles", CONTESTS["goal-obstacles"], True, SEEKERS),
+    "docks": Kind("Docks", CONTESTS["docking"], None, ("reeds_shepp_scan",)),
+}
+
+
+def disc(hull: float) -> Robot:
+    """Returns a base with the drive of the MiR100 and a disc as its hull (m)."""
+    inertia = 0.5 * BASE.mass * hull**2
+    return dataclasses.replace(BASE, name=f"disc_{100.0 * hull:.0f}", hull_box=None, hull_radius=hull, inertia=inertia)
+
+
+BASES = {robot.name: robot for robot in (*map(disc, HULLS), BASE, ROBOTS["husky"])}
+
+
+def scenes(hull: float) -> dict[str, dict[str, Any]]:
+    """Returns of the test scenes of a hull class (m) how many have a proven way, and which they are, by task."""
+    found = {}
+    for task in ("goal_reaching", "docking"):
+        spec = TASKS[task]
+        there, frozen = (split(task, "all", name) for name in (f"test@{hull:.2f}", "test"))
+        moved = tuple(each.of_class(hull) for each in frozen)
+        found[task] = {
+            "scenes": len(there),
+            "as_frozen": sum(a.name == b.name for a, b in zip(there, frozen, strict=True)),
+            "proven": sum(spec.feasible(each, hull) for each in there),
+            "digest": digest(there)[:16],
+            "moved": digest(moved)[:16],  # before docks without a way were replaced
+        }
+    return found
+
+
+def drive(robot: Robot, kind: str, policy: str) -> list[dict[str, str]]:
+    """Returns a row for each scene of a cell: default gains, lagged actuators, the first scenes of the claims split."""
+    contest, families, rows = KINDS[kind].contest, KINDS[kind].families, []
+    count = -(-COUNT // len(families))
+    for family in families:
+        course = dataclasses.replace(contest.course(family, "claims", robot), members=tuple(range(count)))
+        case = next(contest.cases(robot, course, Entrants((policy,), ("default",))))
+        driven = episodes(Setting("hulls", case, "kinematic", "lagged", 0, count, members=course.members))
+        for k, (row, _) in enumerate(driven):
+            cells = row["success"], row["collision"], row["time"]
+            told = (robot.name, kind, family, str(k), policy, *(f"{each:.4g}" for each in cells))
+            rows.append(dict(zip(FIELDS, told, strict=True)))
+    return rows
+
+
+def shown(rows: Sequence[dict[str, str]], field: str) -> str:
+    """Returns a share in per cent with its interval."""
+    values = np.array([float(row[field]) for row in rows])
+    ends = share_interval(values, [row["family"] for row in rows])
+    told = f" [{100.0 * ends[0]:.1f}, {100.0 * ends[1]:.1f}]" if ends else ""
+    return f"{100.0 * values.mean():.1f}{told}"
+
+
+def results(rows: Sequence[dict[str, str]], kind: str) -> str:
+    """Returns the table of a kind of scenes: success and collisions of each law by hull."""
+    lines = []
+    for name, robot in BASES.items():
+        contest = KINDS[kind].contest
+        hull = contest.spec.repertoire.hull_class(robot.hull_radius) or 0.3
+        for policy in KINDS[kind].policies:
+            mine = [row for row in rows if (row["robot"], row["kind"], row["policy"]) == (name, kind, policy)]
+            if mine:
+                cells = (shown(mine, "success"), shown(mine, "collision"))
+                won = [float(row["time"]) for row in mine if row["success"] == "1"]
+                time = f"{np.mean(won):.1f}" if won else ""
+                lines.append((f"{hull:.2f}", f"`{name}`", f"`{policy}`", len(mine), *cells, time))
+    header = ("class (m)", "base", "policy", "scenes", "success (%)", "collisions (%)", "time (s)")
+    return str(tabulate(lines, header, tablefmt="github", disable_numparse=True))
+
+
+def feasibility(found: dict[str, Any]) -> str:
+    """Returns the table of the scenes of each class."""
+    lines = [
+        (hull, task.replace("_", " "), told["scenes"], told["proven"], told["as_frozen"], f"`{told['digest']}`")
+        for hull, tasks in found.items()
+        for task, told in tasks.items()
+    ]
+    header = ("class (m)", "task", "test scenes", "with a proven path", "scenes of the 0.3 m split", "SHA-256 begins")
+    return str(tabulate(lines, header, tablefmt="github", disable_numparse=True))
+
+
+PROSE = """# Hulls of 0.3 to 0.7 m
+
+Made by `python benchmarks/studies/hulls.py` from every episode, `hulls.csv.xz`. What a hull class is:
+[scenarios](../scenarios.md#hull-classes).
+
+`disc_35` is a base with the drive of the MiR100 (1 m/s, 2 m/s², 0.1 s lag) and a disc of 0.35 m as its hull; `mir100`
+and `husky` have their own rectangles. All policies have their default gains, which were chosen with hulls of 0.3 m:
+none were searched for a class. `any_robot` is its seed 0, trained with hulls of 0.1 to 0.6 m. Every base drives the
+first scenes of the claims split of its class, as many of each family, with the scan and the clock of the class, and
+lagged actuators. Brackets are 95 % intervals. Bases of one class meet the same scenes; classes are not compared with
+each other. Simulation only.
+
+[All results](../results.md)
+"""
+
+
+def page(rows: Sequence[dict[str, str]], found: dict[str, Any]) -> str:
+    """Returns the page."""
+    done = {(row["kind"], row["robot"], row["policy"]) for row in rows}
+    parts = [PROSE.strip()]
+    for name, kind in KINDS.items():
+        parts += [f"## {kind.title}", results(rows, name)]
+        missing = [f"`{base}` {law}" for base in BASES for law in kind.policies if (name, base, law) not in done]
+        parts += [f"Not driven: {', '.join(missing)}."] if missing else []
+    note = "A proven path was found by search for a disc of the class. Docks without one are replaced by other seeds'."
+    parts += ["## Scenes of each class", feasibility(found), note]
+    return "\n\n".join(parts) + "\n"
+
+
+@click.command("hulls", cls=OneLineErrors)
+@click.option("--cells", "most", type=click.IntRange(0), help="Drive at most so many cells.  [default: all]")
+def main(most: int | None) -> None:
+    """Drives what is missing, and writes the page."""
+    rows = read_rows(ROWS) if ROWS.exists() else []
+    found = json.loads(SCENES.read_text(encoding="utf-8")) if SCENES.exists() else {}
+    done = {(row["robot"], row["kind"], row["policy"]) for row in rows}
+    cells = [(name, kind, policy) for kind in KINDS for policy in KINDS[kind].policies for name in BASES]
+    cells.sort(key=lambda cell: FIRST.index(cell[2]))  # stable: where time is short, the quick ones are done
+    missing = [each for each in cells if each not in done]
+    for name, kind, policy in missing[:most]:
+        click.echo(f"{name}, {kind}: {policy}", err=True)
+        rows += drive(BASES[name], kind, policy)
+        rows.sort(key=lambda row: (list(BASES).index(row["robot"]), list(KINDS).index(row["kind"])))
+        text = io.StringIO()
+        writer = csv.DictWriter(text, FIELDS, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+        write_whole(ROWS, lzma.compress(text.getvalue().encode()))
+    for hull in [each for each in CLASSES if most != 0 and f"{each:.2f}" not in found]:
+        found[f"{hull:.2f}"] = scenes(hull)
+        write_whole(SCENES, (json.dumps(found, indent=1) + "\n").encode())
+    write_whole(PAGE, page(rows, found).encode())
+
+
+if __name__ == "__main__":
+    main()
