@@ -248,8 +248,8 @@ def _index(kept: Kept) -> str:
     there = {section.name for section, _ in kept.sections()}
     blocks = [
         "# Results",
-        "Made by `python benchmarks/studies/publish.py` from the episodes in [results/](results/), which come from "
-        "the folders of finished runs; edited by hand, it fails a test.",
+        "`python benchmarks/studies/publish.py` writes this page from the episodes in [results/](results/). Do "
+        "not edit it.",
         "\n".join(_front(kept, "results/")),
         "## Every page",
         "Each has its leaderboard, the verdicts on trained agents, and its full tables as files. "
@@ -565,53 +565,33 @@ Told = tuple[Task, Sequence[Mapping[str, str]], Sequence[Mapping[str, str]]]
 
 
 def _sentences(found: Sequence[Told]) -> str:
-    """Returns which policy comes first at what without a map, and in parentheses who is equivalent, and who ties."""
-    first: dict[str, str] = {}
+    """Returns which policy without a map comes first at each task, and who is equivalent, ties or is behind."""
+    told = ["The best policies without a map:\n"]
     for (heading, _, _, kinds), board, lines in found:
         for kind in kinds:
             here = [row for row in board if row["scenes"] == kind and not _has_map(row)]
-            mine = best_sets(here, at_pace(board, lines))
-            verdicts = [(row, verdict_of(lines, kind, entry_of(mine[0]), entry_of(row))) for row in mine[1:]]
+            first, *others = best_sets(here, at_pace(board, lines))
+            verdicts = [(row, verdict_of(lines, kind, entry_of(first), entry_of(row))) for row in others]
             outcomes = [(f"`{row['policy']}`", _nearness(each[0])) for row, each in verdicts if each]
-            near = [
-                f"{nearness}: {', '.join(name for name, each in outcomes if each == nearness)}"
-                for nearness in (EQUIVALENT, OPEN, _BEHIND)
-                if nearness in dict(outcomes).values()
-            ]
-            first[heading if kind in heading else f"{heading}, {kind}"] = f"`{mine[0]['policy']}`" + (
-                f" ({'; '.join(near)})" if near else ""
-            )
-    told = []
-    for places in (_WAYS, _DOCKS):
-        parts = [words.format(first[place]) for place, words in places.items() if place in first]
-        if parts:
-            told.append(", ".join(parts[:-1]) + (", and " if len(parts) > 1 else "") + parts[-1] + ".")
-    if any("(" in each for each in first.values()):
-        told.append(f"Equivalent: within {MARGINS}. Tie: no significant difference, corrected for all of the page.")
-    return " ".join(told)
+            parts = [f"`{first['policy']}` is first"]
+            for nearness, words in _NEAR.items():
+                if names := [name for name, each in outcomes if each == nearness]:
+                    parts.append(f"{' and '.join(names)} {words[len(names) > 1]}")
+            told.append(f"- **{_SCENES.get(f'{heading}, {kind}', heading)}**: {'; '.join(parts)}.")
+    return "\n".join([*told, f"\nEquivalent: within {MARGINS}. Tie: no significant difference."])
 
 
 _BEHIND = "behind, not significantly"
+_NEAR = {
+    EQUIVALENT: ("is equivalent", "are equivalent"),
+    OPEN: ("ties with it", "tie with it"),
+    _BEHIND: ("is behind, but not significantly", "are behind, but not significantly"),
+}
 
 
 def _nearness(verdict: Verdict) -> str:
     """Returns the outcome of a first entry beside another; who fails more often by the interval alone is no tie."""
     return _BEHIND if verdict.words.startswith("more successes (") else verdict.outcome
-
-
-# Where policies come first, and how a sentence says so.
-_WAYS = {
-    "Follow a path, ": "{} tracks paths most closely",
-    "Follow a path, smooth paths": "{} tracks smooth paths most closely",
-    "Follow a path, paths with corners": "{} paths with corners",
-    "Reach a goal among static obstacles": "without a map {} reaches most goals among static obstacles",
-    "Reach a goal among moving obstacles": "{} among moving obstacles",
-}
-_DOCKS = {
-    "Dock at a pose, free space": "Without a map {} docks best in free space",
-    "Dock at a pose, wall or parking bay": "{} at a wall or in a bay",
-    "Dock at a pose, moving obstacles": "{} among moving obstacles",
-}
 
 
 def _has_map(row: Mapping[str, str]) -> bool:

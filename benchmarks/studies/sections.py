@@ -219,11 +219,11 @@ SECTIONS = (
     ),
     Section(
         DOCUMENTS,
-        "The three documents",
+        "The three reference papers",
         "python evaluate.py --suite documents",
         {TABLE: "Ours beside theirs", **{f"document_{each.lower()}.csv": f"Every run of {each}" for each in "ABC"}},
         "The documented gain of A is weak by design of the document, and C's field as printed arrives nowhere but on "
         "pymunk, in one scenario, where contacts and slip free it: beating either alone proves nothing.",
-        {"document_a_trajectories.png": "Document A: the look-ahead controller as documented and retuned"},
+        {"document_a_trajectories.png": "P3DX look-ahead report: the controller as printed and corrected"},
     ),
 )
