@@ -138,7 +138,8 @@ def read_tables(file: Path, other: Path | None = None) -> Log:
 def _cells(path: Path, text: str) -> Iterator[tuple[int, dict[str, str]]]:
     """Yields each row of a table with its line, by the names of its columns."""
     try:
-        rows = csv.reader(io.StringIO(text), strict=True)
+        separator = next((each for each in ";\t" if each in text.partition("\n")[0]), ",")
+        rows = csv.reader(io.StringIO(text), delimiter=separator, strict=True)
         header = [each.strip() for each in next(rows, [])]
         if "t" not in header or len(set(header)) < len(header):
             raise ValueError(
@@ -160,7 +161,8 @@ def _number(place: str, name: str, cell: str) -> float:
     except ValueError:
         found = math.nan
     if not math.isfinite(found):
-        raise ValueError(f"{place}: {name} is {shown(cell)}; it must be a finite number")
+        pointed = " with a decimal point" if "," in cell else ""
+        raise ValueError(f"{place}: {name} is {shown(cell)}; it must be a finite number{pointed}")
     return found
 
 

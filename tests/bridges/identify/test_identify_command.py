@@ -117,6 +117,11 @@ def bad() -> Iterator[tuple[str, str, str]]:
     lines = table(drive).splitlines()
     yield "backward", "\n".join([*lines[:300], *lines[100:]]) + "\n", "run backward"
     yield "cut off", table(drive)[:-25] + '"', "drive.csv:"
+    yield (
+        "decimal commas",
+        table(drive).replace(",", ";").replace(".", ","),
+        "must be a finite number with a decimal point",
+    )
     yield "columns", table(drive).replace("t,v_cmd", "time,v_cmd", 1), "columns are"
 
 
@@ -128,6 +133,14 @@ def test_a_table_that_cannot_say_is_refused_in_a_line(name: str, text: str, told
         check(read_log([file]))
     assert told in str(error.value)
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("separator", [";", "\t"])
+def test_columns_are_separated_by_what_separates_those_of_the_header(separator: str, tmp_path: Path) -> None:
+    file, other = tmp_path / "drive.csv", tmp_path / "other.csv"
+    file.write_text(table(driven()))
+    other.write_text(table(driven()).replace(",", separator))
+    np.testing.assert_array_equal(read_log([file]).speeds, read_log([other]).speeds)
 
 
 def test_a_wheel_speed_in_rpm_is_doubted_in_a_line(good: Path, tmp_path: Path) -> None:
