@@ -2,7 +2,7 @@
 
 The tier shapes the command as in the other plants; the wheels' servos follow it, and MuJoCo does the rest. What a
 disturbance does to the wheels and to their grip is in the speeds that they are sent, what it does to the pose is a
-displacement, as in the other plants. Every world is a model of its own: robots of one team are in one.
+displacement, as in the other plants. Every robot has a model of its own, with what stands around it.
 """
 
 import functools
@@ -42,7 +42,6 @@ if mujoco.__version__.partition(".")[0] != MAJOR:
         f'dynamics="mujoco" needs mujoco {MAJOR}, {mujoco.__version__} is installed: pip install "mujoco=={MAJOR}.*"'
     )
 SETTLING = 1000  # sub-steps, after which a robot stands on its wheels
-AWAY = 1e3  # m: where robots wait that have left a team
 _REACH = 0.05  # m, by which more than its own way a hull may come near something within a period
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
@@ -149,99 +148,81 @@ def yaw_of(quaternion: NDArray[np.float64]) -> float:
 
 
 class World:
-    """MuJoCo's model and state of the robots of one world, and of what stands around them.
+    """MuJoCo's model and state of a robot and of what stands around it.
 
     Attributes:
         data: MuJoCo's MjData.
-        poses: (n, 3) of the robots, as they were last read or put.
+        pose: (3,) of the robot, as it was last read or put.
     """
 
     def __init__(
-        self, robot: Robot, wheels: str | None, poses: NDArray[np.float64], obstacles: NDArray[np.void], grid: Any
+        self, robot: Robot, wheels: str | None, pose: NDArray[np.float64], obstacles: NDArray[np.void], grid: Any
     ) -> None:
-        self._made_of = (robot, wheels, poses, obstacles.copy(), grid)
-        self.model = model_of(mjcf(robot, wheels, len(poses), obstacles, grid, FLOOR_FRICTION))
+        self._made_of = (robot, wheels, pose.copy(), obstacles.copy(), grid)
+        self.model = model_of(mjcf(robot, wheels, obstacles, grid, FLOOR_FRICTION))
         self.data = mujoco.MjData(self.model)
-        self.poses = poses.copy()
-        self.per = len(robot.built)
-        self.axles = self.per // len(robot.wheels)  # wheels that turn alike
+        self.pose = pose.copy()
+        built = len(robot.built)
+        self.axles = built // len(robot.wheels)  # wheels that turn alike
         positions, warm = standing(robot, wheels)
-        self.free = len(positions)  # numbers of a robot
-        for k, (x, y, heading) in enumerate(poses.tolist()):
-            own = self.data.qpos[k * self.free : (k + 1) * self.free]
-            own[:] = positions
-            own[:2] = x, y
-            own[3:7] = _turned(positions[3:7], heading)
-        self.data.qacc_warmstart[: len(warm) * len(poses)] = np.tile(warm, len(poses))
+        self.turns = slice(7, len(positions), (len(positions) - 7) // built)  # angles of wheels, past those of rollers
+        self.data.qpos[: len(positions)] = positions
+        self.data.qpos[:2] = pose[:2]
+        self.data.qpos[3:7] = _turned(positions[3:7], float(pose[2]))
+        self.data.qacc_warmstart[: len(warm)] = warm
         moving = obstacles["patrol"]["leg_time"] > 0.0
         self.movers = np.flatnonzero(moving)
         self.things = np.flatnonzero(~moving & (obstacles["mass"] > 0.0))
         self.reach = float(robot.wheel_radii.max())
-        self.hulls = [self.model.geom(f"{name}hull").id for name in self._names()]
+        self.hull = self.model.geom("hull").id
         self.bodies = [self.model.body(f"thing{j}").id for j in self.things]
 
-    def _names(self) -> list[str]:
-        """Returns with what the names of each robot begin."""
-        return [""] if len(self.poses) == 1 else [f"robot{k}_" for k in range(len(self.poses))]
-
-    def put(self, k: int, pose: NDArray[np.float64]) -> None:
-        """Displaces robot k to a pose, if it is not there; it keeps its twist."""
-        if (pose == self.poses[k]).all():
+    def put(self, pose: NDArray[np.float64]) -> None:
+        """Displaces the robot to a pose, if it is not there; it keeps its twist."""
+        if (pose == self.pose).all():
             return
-        at, speeds = k * self.free, k * (self.free - 1)
-        own, velocity = self.data.qpos[at : at + 7], self.data.qvel[speeds : speeds + 2]
-        turn = float(pose[2] - self.poses[k, 2])
-        own[:2] += pose[:2] - self.poses[k, :2]
+        own, velocity = self.data.qpos, self.data.qvel
+        turn = float(pose[2] - self.pose[2])
+        own[:2] += pose[:2] - self.pose[:2]
         own[3:7] = _turned(own[3:7].copy(), turn)
         c, s = math.cos(turn), math.sin(turn)
-        velocity[:] = c * velocity[0] - s * velocity[1], s * velocity[0] + c * velocity[1]
+        velocity[:2] = c * velocity[0] - s * velocity[1], s * velocity[0] + c * velocity[1]
 
     def wheels(self) -> NDArray[np.float64]:
-        """Returns the angles (n, wheels) of the driven wheels, rad."""
-        own = self.data.qpos[: len(self.poses) * self.free].reshape(len(self.poses), self.free)
-        turned = own[:, 7:] if self.free == 7 + self.per else own[:, 7 :: (self.free - 7) // self.per]
-        if self.axles == 1:
-            return np.array(turned)
-        found: NDArray[np.float64] = turned.reshape(len(self.poses), -1, self.axles).mean(axis=2)
-        return found
+        """Returns the angles (n,) of the driven wheels, rad."""
+        turned = np.array(self.data.qpos[self.turns])
+        return turned if self.axles == 1 else turned.reshape(-1, self.axles).mean(axis=1)
 
-    def touching(self) -> list[bool]:
-        """Returns of each robot whether its hull touches something."""
-        met = self.data.contact.geom
-        return [bool((met == hull).any()) for hull in self.hulls]
-
-    def step(self, speeds: NDArray[np.float64], near: bool, movers: Any) -> list[bool]:
-        """Drives the wheels at speeds (k, n * wheels) in k sub-steps; returns which robots have touched something.
+    def step(self, speeds: NDArray[np.float64], near: bool, movers: Any) -> bool:
+        """Drives the wheels at speeds (k, wheels) in k sub-steps; returns whether the hull has touched something.
 
         Args:
-            near: whether one may.
+            near: whether it may.
             movers: movers(k) puts what moves where it is after k sub-steps; None: nothing moves.
         """
         model, data = self.model, self.data
-        touched = [False] * len(self.hulls)
         if self.axles > 1:
             speeds = np.repeat(speeds, self.axles, axis=1)
         if not near and movers is None and (speeds == speeds[0]).all():
             data.ctrl[:] = speeds[0]
             mujoco.mj_step(model, data, len(speeds))
-            return touched
+            return False
+        touched = False
         for k, each in enumerate(speeds):
             data.ctrl[:] = each
             if movers is not None:
                 movers(k + 1)
             mujoco.mj_step(model, data)
-            if near:
-                touched = [before or now for before, now in zip(touched, self.touching(), strict=True)]
+            touched = touched or (near and bool((data.contact.geom == self.hull).any()))
         return touched
 
-    def read(self, k: int, state: NDArray[np.void]) -> None:
-        """Writes pose and twist of robot k into its state."""
-        at, speeds = k * self.free, k * (self.free - 1)
-        own, velocity = self.data.qpos[at : at + 7], self.data.qvel[speeds : speeds + 6]
+    def read(self, state: NDArray[np.void]) -> None:
+        """Writes pose and twist of the robot into its state."""
+        own, velocity = self.data.qpos, self.data.qvel
         heading = wrap_angle(yaw_of(own[3:7]))
-        self.poses[k] = own[0], own[1], heading
+        self.pose[:] = own[0], own[1], heading
         c, s = math.cos(heading), math.sin(heading)
-        state["x"], state["y"], state["heading"] = self.poses[k].tolist()
+        state["x"], state["y"], state["heading"] = self.pose.tolist()
         state["vx"] = c * velocity[0] + s * velocity[1]
         state["vy"] = c * velocity[1] - s * velocity[0]
         state["yaw_rate"] = velocity[5]
@@ -256,10 +237,10 @@ class World:
     def __reduce__(self) -> tuple[Any, ...]:
         state = np.empty(mujoco.mj_stateSize(self.model, _STATE))
         mujoco.mj_getState(self.model, self.data, state, _STATE)
-        return World, self._made_of, (state, self.poses)
+        return World, self._made_of, (state, self.pose)
 
     def __setstate__(self, state: tuple[NDArray[np.float64], NDArray[np.float64]]) -> None:
-        kept, self.poses = state
+        kept, self.pose = state
         mujoco.mj_setState(self.model, self.data, kept, _STATE)
 
 
@@ -267,18 +248,18 @@ class MujocoPlant:
     """Drives a batch of robots, each world in a MuJoCo model of its own, built when it first moves.
 
     Attributes:
-        worlds: the `World` of each robot, or of each team; None where nothing has moved since the reset.
+        worlds: the `World` of each robot; None where it has not moved since the reset.
 
     Raises:
-        ValueError: if the robot cannot be built, or a team is too large.
+        ValueError: if the robot cannot be built.
     """
 
     def __init__(self, task: Task, num_envs: int) -> None:
         options = task.options
         self.task = task
         self.wheels = options.wheels
-        self.worlds: list[World | None] = [None] * (num_envs // task.team)
-        mjcf(task.robot, self.wheels, task.team)  # refuses what cannot be built
+        self.worlds: list[World | None] = [None] * num_envs
+        mjcf(task.robot, self.wheels)  # refuses what cannot be built
         self.count = round(options.dt / TIMESTEP)
         self.factors = np.array(lag_factors(options.actuators.lag, options.dt / self.count))
         self.twists = np.zeros((num_envs, 3))
@@ -303,21 +284,14 @@ class MujocoPlant:
         """Forgets the worlds of the robots in `rows`."""
         del states, obstacles
         for i in rows.tolist():
-            self.worlds[i // self.task.team] = None
+            self.worlds[i] = None
 
-    def _world(self, w: int, states: NDArray[np.void], obstacles: NDArray[np.void]) -> World:
-        """Returns a world, built where its robots and obstacles are."""
-        team = self.task.team
-        first = states[w * team]
-        count = int(self.task.obstacle_counts(states[w * team : w * team + 1])[0])
-        world = World(
-            self.task.robot,
-            self.wheels,
-            self.before[w * team : (w + 1) * team],
-            obstacles[first["field"] if self.task.shared_obstacles is not None else w * team, :count],
-            getattr(self.task.scenarios[self.task.scenario_of(states[w * team : w * team + 1])[0]], "grid", None),
-        )
-        self.worlds[w] = world
+    def _world(self, i: int, states: NDArray[np.void], obstacles: NDArray[np.void]) -> World:
+        """Returns the world of robot i, built where it and its obstacles are."""
+        count = int(self.task.obstacle_counts(states[i : i + 1])[0])
+        grid = getattr(self.task.scenarios[states[i]["scenario"]], "grid", None)
+        world = World(self.task.robot, self.wheels, self.before[i], obstacles[i, :count], grid)
+        self.worlds[i] = world
         return world
 
     def drive(
@@ -329,56 +303,43 @@ class MujocoPlant:
         skip: NDArray[np.bool_],
     ) -> None:
         """Moves every robot that is not in `skip` by one control period."""
-        team, step = self.task.team, self.task.options.dt / self.count
         params, robots, grids = self._views(states)
         for k, name in enumerate(("x", "y", "heading")):
             self.before[:, k] = states[name]
         command_rows(params, robots, actions, skip, self.factors, self.twists, self.speeds)
-        for w in range(len(self.worlds)):
-            rows = slice(w * team, (w + 1) * team)
-            if skip[rows].all():
-                continue
-            world = self.worlds[w] or self._world(w, states, obstacles)
-            self._drive_world(w, world, states, obstacles, robots, params, skip, step)
+        for i in np.flatnonzero(~skip).tolist():
+            world = self.worlds[i] or self._world(i, states, obstacles)
+            self._drive(i, world, states, obstacles, robots, params)
         finish_rows(params, robots, obstacles, grids, noise, skip, self.before, self.twists, self.slips)
 
-    def _drive_world(
+    def _drive(
         self,
-        w: int,
+        i: int,
         world: World,
         states: NDArray[np.void],
         obstacles: NDArray[np.void],
         robots: NDArray[np.void],
         params: NDArray[np.void],
-        skip: NDArray[np.bool_],
-        step: float,
     ) -> None:
-        """Moves the robots of a world by one control period."""
-        team = self.task.team
-        first = w * team
-        rows = range(first, first + team)
+        """Moves robot i by one control period."""
+        dt, speeds = self.task.options.dt, self.speeds[i]
         movers = None
         if len(world.movers):
 
             def movers(k: int) -> None:
-                place_movers(params, robots, obstacles, first, k * step, self.places)
+                place_movers(params, robots, obstacles, i, k * dt / self.count, self.places)
                 world.data.mocap_pos[:, :2] = self.places[world.movers]
 
-        for k, i in enumerate(rows):
-            world.put(k, self.before[i])
-        travel = self.task.options.dt * float(np.abs(self.speeds[first]).max()) * world.reach + _REACH
-        near = team > 1 or len(world.things) > 0 or bool(states["clearance"][first] < travel)
+        world.put(self.before[i])
+        travel = dt * float(np.abs(speeds).max()) * world.reach + _REACH
+        near = len(world.things) > 0 or bool(states["clearance"][i] < travel)
         angles = world.wheels()
-        speeds = self.speeds[rows].transpose(1, 0, 2).reshape(self.count, -1)
         touched = world.step(speeds, near, movers)
-        turned = (world.wheels() - angles) / self.task.options.dt
-        for k, i in enumerate(rows):
-            if not skip[i]:
-                self.slips[i] = self.speeds[i].mean(axis=0) - turned[k]
-                world.read(k, states[i])
-                states["contact"][i] |= touched[k]
+        self.slips[i] = speeds.mean(axis=0) - (world.wheels() - angles) / dt
+        world.read(states[i])
+        states["contact"][i] |= touched
         if len(world.things):
-            world.read_things(obstacles[first])
+            world.read_things(obstacles[i])
 
     def frame(self, i: int = 0, size: tuple[int, int] = (640, 480)) -> NDArray[np.uint8]:
         """Returns MuJoCo's own picture (h, w, 3) of the world of robot i, once that has moved.
@@ -387,10 +348,10 @@ class MujocoPlant:
             ValueError: if it has not.
             RuntimeError: without OpenGL.
         """
-        world = self.worlds[i // self.task.team]
+        world = self.worlds[i]
         if world is None:
             raise ValueError(f"robot {i} has not moved since its reset: MuJoCo's picture needs a step")
-        return picture(world.model, world.data, size, world.poses[i % self.task.team], 4.0)
+        return picture(world.model, world.data, size, world.pose, 4.0)
 
 
 def picture(

@@ -23,7 +23,6 @@ curvature: half axis sqrt(r (R - r)) / cos g.
 """
 
 import math
-from collections.abc import Sequence
 from typing import Any
 from xml.etree import ElementTree
 
@@ -37,7 +36,6 @@ WHEELS = {
     "omni": ("anisotropic", "rollers"),
     "mecanum": ("rollers",),
 }
-MOST_ROBOTS = 8
 GRAVITY = 9.81  # m/s^2
 TIMESTEP = 0.002  # s
 
@@ -188,45 +186,43 @@ def _rollers(hub: Element, base: _Base, wheel: Wheel, name: str) -> None:
         _add(roller, "geom", name=f"{name}_{k}", type="ellipsoid", size=barrel, mass=mass, rgba=_ROLLER, **_GHOST)
 
 
-def _robot(world: Element, base: _Base, name: str, x: float) -> None:
-    """Adds the free body of a robot."""
+def _robot(world: Element, base: _Base) -> None:
+    """Adds the free body of the robot."""
     robot = base.robot
     high = max(_HEIGHT, 2.0 * max(wheel.radius for wheel in base.built))
     middle, half = 0.5 * (_GROUND + high), 0.5 * (high - _GROUND)
-    body = _add(world, "body", name=f"{name}base", pos=(x, 0.0, 0.0))
-    _add(body, "freejoint", name=f"{name}base")
+    body = _add(world, "body", name="base")
+    _add(body, "freejoint", name="base")
     inertia = 0.6 * base.inertia, 0.6 * base.inertia, base.inertia
     _add(body, "inertial", pos=(*base.centre, base.height), mass=base.mass, diaginertia=inertia)
     shape: dict[str, Any] = {"type": "cylinder", "size": (robot.hull_radius, half)}
     if robot.hull_box:
         shape = {"type": "box", "size": (0.5 * robot.hull_box[0], 0.5 * robot.hull_box[1], half)}
     blue = "0.30 0.55 0.80 0.35"
-    _add(body, "geom", name=f"{name}hull", pos=(0.0, 0.0, middle), mass=0.0, rgba=blue, **shape, **_SOLID)
+    _add(body, "geom", name="hull", pos=(0.0, 0.0, middle), mass=0.0, rgba=blue, **shape, **_SOLID)
     if base.caster:
         small = 0.5 * base.height
         level = 0.0 if robot.driven_load == 1.0 else _PAD
         for part, at, z in (("caster", -base.behind, small), ("pad", base.behind, small + level)):
-            own = f"{name}{part}"
-            _add(body, "geom", name=own, type="sphere", size=small, pos=(at, 0.0, z), mass=0.0, rgba=_GREY, **_GHOST)
+            _add(body, "geom", name=part, type="sphere", size=small, pos=(at, 0.0, z), mass=0.0, rgba=_GREY, **_GHOST)
     for i, wheel in enumerate(base.built):
-        _wheel(body, base, wheel, f"{name}wheel{i}")
+        _wheel(body, base, wheel, f"wheel{i}")
 
 
-def _motors_and_floor(root: Element, base: _Base, names: Sequence[str]) -> None:
+def _motors_and_floor(root: Element, base: _Base) -> None:
     """Adds the contacts with the floor, and the motors."""
     contact, motors = _add(root, "contact"), _add(root, "actuator")
     grip = _ALONG_AXLE if base.wheels == "anisotropic" else base.friction, base.friction, 0.0, 0.0, 0.0
-    for name in names:
-        for i, wheel in enumerate(base.built):
-            one = f"{name}wheel{i}"
-            for part in [f"{one}_{k}" for k in range(ROLLERS)] if base.wheels == "rollers" else [one]:
-                _add(contact, "pair", geom1="floor", geom2=part, condim=3, friction=grip, **base.contact)
-            servo = 2.0 * base.carried(wheel) / _SERVO
-            most = base.most * wheel.radius
-            limits: dict[str, Any] = {"forcelimited": "true", "forcerange": (-most, most)}
-            _add(motors, "velocity", name=one, joint=one, kv=servo, **limits)
-        for part in ("caster", "pad") if base.caster else ():
-            _add(contact, "pair", geom1="floor", geom2=f"{name}{part}", condim=1, **base.contact)
+    for i, wheel in enumerate(base.built):
+        one = f"wheel{i}"
+        for part in [f"{one}_{k}" for k in range(ROLLERS)] if base.wheels == "rollers" else [one]:
+            _add(contact, "pair", geom1="floor", geom2=part, condim=3, friction=grip, **base.contact)
+        servo = 2.0 * base.carried(wheel) / _SERVO
+        most = base.most * wheel.radius
+        limits: dict[str, Any] = {"forcelimited": "true", "forcerange": (-most, most)}
+        _add(motors, "velocity", name=one, joint=one, kv=servo, **limits)
+    for part in ("caster", "pad") if base.caster else ():
+        _add(contact, "pair", geom1="floor", geom2=part, condim=1, **base.contact)
 
 
 def _footprint(obstacle: Any) -> list[tuple[str, float, float, float, float]]:
@@ -287,15 +283,14 @@ def _walls(world: Element, grid: Any) -> None:
 def mjcf(
     robot: Robot,
     wheels: str | None = None,
-    count: int = 1,
     obstacles: NDArray[np.void] | None = None,
     grid: Any = None,
     floor_friction: float = 0.4,
 ) -> str:
-    """Returns the MJCF of `count` robots on a floor among obstacles.
+    """Returns the MJCF of a robot on a floor among obstacles.
 
-    A robot's free body is "base", its wheels are "wheel0", "wheel1", ... in the order of `Robot.built`, and so are its
-    motors, whose control is a wheel speed, rad/s. Of several robots the names begin with "robot0_", "robot1_", ...
+    Its free body is "base", its wheels are "wheel0", "wheel1", ... in the order of `Robot.built`, and so are its
+    motors, whose control is a wheel speed, rad/s.
 
     Args:
         wheels: one of WHEELS of its drive; None: the first.
@@ -304,12 +299,9 @@ def mjcf(
         floor_friction: of what is pushed.
 
     Raises:
-        ValueError: in one line, if the robot cannot be built or there are more than MOST_ROBOTS.
+        ValueError: in one line, if the robot cannot be built.
     """
-    if not 1 <= count <= MOST_ROBOTS:
-        raise ValueError(f'a team of {count} robots; dynamics="mujoco" drives at most {MOST_ROBOTS}')
     base = _Base(robot, wheels_of(robot, wheels))
-    names = [""] if count == 1 else [f"robot{k}_" for k in range(count)]
     root = Element("mujoco", model=robot.name)
     _add(root, "compiler", angle="radian")
     solver = {"integrator": "implicitfast", "cone": "elliptic", "impratio": "10"}
@@ -321,12 +313,11 @@ def mjcf(
     _add(asset, "material", name="floor", texture="tiles", texrepeat="1 1", texuniform="true")
     _add(world, "light", pos="0 0 6", dir="0 0 -1", diffuse="0.35 0.35 0.35")
     _add(world, "geom", name="floor", type="plane", size="0 0 1", material="floor", contype=1, conaffinity=0)
-    for k, name in enumerate(names):
-        _robot(world, base, name, 3.0 * k * robot.hull_radius)
+    _robot(world, base)
     if obstacles is not None:
         _things(world, obstacles, floor_friction)
     if grid is not None:
         _walls(world, grid)
-    _motors_and_floor(root, base, names)
+    _motors_and_floor(root, base)
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode") + "\n"

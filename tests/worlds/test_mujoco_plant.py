@@ -271,8 +271,3 @@ def test_what_cannot_be_built_is_refused_in_a_line(robot: Any, options: dict[str
     with pytest.raises(ValueError, match=said) as error:
         env_of(robot, **options)
     assert "\n" not in str(error.value)
-
-
-def test_more_robots_than_eight_are_refused() -> None:
-    with pytest.raises(ValueError, match='team of 9 robots; dynamics="mujoco" drives at most 8'):
-        mjcf(ROBOTS["p3dx"], count=9)
