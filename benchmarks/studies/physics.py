@@ -24,7 +24,7 @@ from tabulate import tabulate
 from wayfield.benchmarks.contests import ALL_CONTESTS, Course, Entrants
 from wayfield.benchmarks.contests.path_following import TRACKING
 from wayfield.benchmarks.entrants.documents import documents
-from wayfield.benchmarks.leaderboards.verdicts import COST_MARGIN, MARGIN, outcome
+from wayfield.benchmarks.leaderboards.verdicts import BETTER, COST_MARGIN, FEW, MARGIN, WORSE, outcome
 from wayfield.benchmarks.records.cases import Case
 from wayfield.benchmarks.runs.suite import Setting, episodes
 from wayfield.benchmarks.statistics.paired import Difference, difference, holm
@@ -39,7 +39,7 @@ SEEDS = 1  # of the agent
 ROBOT, AGENT = "p3dx", "ppo"
 FIELDS = ("plant", "verdict", "family", "block", "policy", "scene", "success", "collision", "cost", "speed")
 PAPER_FIELDS = ("plant", "document", "experiment", "policy", "outcome", "figures")
-WORDS = {"better": "controller ahead", "worse": "agent ahead", "equivalent": "tie", "open": "no significant difference"}
+WORDS = {BETTER: "controller ahead", WORSE: "agent ahead"}
 
 
 class Verdict(NamedTuple):
@@ -164,6 +164,8 @@ class Line(NamedTuple):
 
     def said(self, corrected: float) -> str:
         """Returns the outcome in words."""
+        if not np.isfinite(self.found.low):
+            return FEW
         if self.verdict.error:
             margin = COST_MARGIN * min(self.controller, self.agent)
             return leaning(
@@ -240,13 +242,17 @@ def page(rows: Sequence[Row], papers: Sequence[Row], chain: Sequence[Row]) -> st
 
 def _summary(said: dict[tuple[str, str], str]) -> str:
     """Returns which verdicts are the same on all plants, and which are not."""
-    same = [v.where for v in VERDICTS if len({said.get((v.where, plant)) for plant in IN_PROCESS}) == 1]
-    there = [v.where for v in VERDICTS if (v.where, IN_PROCESS[0]) in said]
-    turned = [where for where in there if {"better", "worse"} <= {said[where, plant] for plant in IN_PROCESS}]
-    text = f"**{len(same)} of {len(there)} verdicts have the same outcome on all three plants."
-    text += f" {len(turned) or 'None'} {'turns' if len(turned) < 2 else 'turn'} round.**"
+    there = [v.where for v in VERDICTS if said.get((v.where, IN_PROCESS[0]), FEW) != FEW]
+    same = [where for where in there if len({said[where, plant] for plant in IN_PROCESS}) == 1]
+    turned = [where for where in there if {BETTER, WORSE} <= {said[where, plant] for plant in IN_PROCESS}]
+    text = ""
+    if there:
+        text = f"**{len(same)} of {len(there)} verdicts have the same outcome on all three plants."
+        text += f" {len(turned) or 'None'} {'turns' if len(turned) < 2 else 'turn'} round.**"
     differ = [where for where in there if where not in same]
-    return text + (f" The outcome differs in: {', '.join(differ)}." if differ else "")
+    if lacking := [verdict.where for verdict in VERDICTS if verdict.where not in there]:
+        text += f" No verdict yet, for too few scenes have been driven, or none: {', '.join(lacking)}."
+    return text.strip() + (f" The outcome differs in: {', '.join(differ)}." if differ else "")
 
 
 def _moved(rows: Sequence[Row], verdict: Verdict) -> str:

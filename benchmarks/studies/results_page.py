@@ -40,6 +40,7 @@ README = "README.md"
 STUDIES = {
     "everywhere": "A driver for every robot, away from home",
     "learning": "Learning curves: PPO, SAC and TD3",
+    "physics": "Does it hold in another physics?",
     "filters": "Safety filters behind policies",
     "papers": "Published claims, run again",
     "hulls": "Hulls of 0.3 to 0.7 m",
