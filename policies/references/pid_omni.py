@@ -37,7 +37,7 @@ class PidOmni(ReferenceLaw):
     k_th: float = gain(2.0, "1/s", "of the heading's error", least=0.0, search=(0.3, 5.0))
     forward: float = gain(1.0, "1", "share of the reference's twist that is asked for", least=0.0)
     ahead: float = gain(
-        0.0, "s", "of the reference's acceleration that is asked for besides", least=0.0, search=(0.001, 0.2)
+        0.0, "s", "of the reference's acceleration that is asked for besides", least=0.0, search=(0.0, 0.2)
     )
 
     needs: ClassVar[tuple[str, ...]] = ("holonomic",)

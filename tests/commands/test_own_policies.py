@@ -107,8 +107,8 @@ def test_a_class_of_four_members_takes_part_with_workers_of_their_own(home: Path
     paces = {row["speed"]: row["mean_speed"] for row in swept if row["policy"] == "laws_of_mine:Paced"}
     assert paces[0.3] < paces[0.45] < paces[0.6]
     with open(home / "out" / "path_following_p3dx.csv", newline="") as file:
-        knows = {line["policy"]: line["knows"] for line in csv.DictReader(file)}
-    assert knows["laws_of_mine:Chase"] == "own, sensors"
+        inputs = {line["policy"]: line["inputs"] for line in csv.DictReader(file)}
+    assert inputs["laws_of_mine:Chase"] == "own, sensors"
     text = (home / "out" / "table.md").read_text()
     assert "--policy laws_of_mine:Chase" in text
     assert "--workers 2 --out out" in text
