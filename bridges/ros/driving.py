@@ -270,7 +270,8 @@ class AlongPath:
         self._driver = _Driver(self._policy, self._brief(self._env), along, self._env.task.task_params.preview_spacing)
 
     def _brief(self, env: Any) -> Briefing:
-        return dataclasses.replace(env.briefing(self._policy.knows), action_mode="twist")
+        briefing: Briefing = env.briefing(self._policy.knows)
+        return dataclasses.replace(briefing, action_mode="twist")
 
     def sent(self, twist: Twist) -> None:
         """Takes note of what the base is sent."""

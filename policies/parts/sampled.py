@@ -48,7 +48,7 @@ def eigenvalues(law: Any, robot: Robot, actuators: Actuators, dt: float) -> NDAr
     axes = len(robot.twist_axes)
     v = min(SPEED, 0.5 * float(robot.max_twist[0]))
     circle = np.array([v, *[0.0] * (axes - 2), v / RADIUS])
-    ahead = _arc(np.tile(circle, (_PREVIEW, 1)), _SPACING * np.arange(1, _PREVIEW + 1)[:, None])
+    ahead = _arc(np.tile(circle, (_PREVIEW, 1)), _SPACING * np.arange(1.0, _PREVIEW + 1)[:, None])
     briefing = Briefing(
         1, robot, actuators, dt, "twist", trajectory_tracking.Observation.layout(axes, _PREVIEW), np.empty(0), 0.0,
         preview_spacing=_SPACING,

@@ -165,12 +165,11 @@ def test_scale_multiplies_positions_and_leaves_the_rest(tmp_path: FilePath, name
 @pytest.mark.parametrize("hull_radius", HULL_RADII)
 @pytest.mark.parametrize("name", GOAL_SCENARIOS)
 def test_every_named_goal_is_clear_or_refused_to_a_hull(name: str, hull_radius: float) -> None:
-    try:
-        scenarios = goal_scenarios(name, hull_radius)
-    except ValueError as refusal:
-        assert hull_radius > 0.36 and "hull" in str(refusal)
+    if hull_radius > 0.36 and name in ("apf_2", "cellular"):  # the widest way in them
+        with pytest.raises(ValueError, match="hull"):
+            goal_scenarios(name, hull_radius)
         return
-    for scenario in scenarios:
+    for scenario in goal_scenarios(name, hull_radius):
         ends = np.array([scenario.start[:2], scenario.goal[:2]])
         assert (clearances(scenario.obstacles, ends) >= hull_radius).all()
         assert scenario.obstacles.dtype == OBSTACLE
