@@ -57,6 +57,7 @@ class Match:
     speeds: tuple[float, float] | None = None  # m/s, where they differ
     shares: tuple[float, float] | None = None  # of success (%), where these decide and errors are drawn
     faster: str = ""  # of two that tie or are equivalent in success: by what the time decides for the better one
+    collided: tuple[float, float] | None = None  # shares of scenes (%), where successes are drawn
     ppo: str = ""  # its success (%), where another agent is the best
 
 
@@ -133,6 +134,8 @@ def _match(board: Sequence[Row], lines: Sequence[Row], kind: str, where: str, un
     if unit == "%":
         ppo = next((row for row in learned if row["policy"] == PPO and row is not agent), None)
         here = dataclasses.replace(here, ppo="" if ppo is None else f"{_numbers(ppo[SUCCESS])[0]:.1f}")
+        collided = _numbers(controller["collision (%)"])[0], _numbers(agent["collision (%)"])[0]
+        here = dataclasses.replace(here, collided=collided)
         timed = here.outcome in (BETTER, WORSE) and not found[0].on_success
         times = [f"{_numbers(row[cost])[0]:.1f}" for row in both][:: 1 if here.outcome == BETTER else -1]
         return dataclasses.replace(here, faster="{} vs. {} s".format(*times)) if timed else here
@@ -191,7 +194,8 @@ def _crowds(kept: Kept) -> Iterator[Match]:
         gains = "tuned" if law.endswith(flocks.TUNED) else _GAINS["default"]
         names = f"`{law.removesuffix(flocks.TUNED)}` ({gains})", _agent(agent, _seeds(here, agent))
         bars = [Bar(name, *_share(here, of, metric)) for name, of in zip(names, (law, agent), strict=True)]
-        yield Match(where, bars[0], bars[1], less.worlds, outcome, faster=faster)
+        collided = tuple(_numbers(flocks.collisions(here, each).partition(" ")[0])[0] for each in (law, agent))
+        yield Match(where, bars[0], bars[1], less.worlds, outcome, faster=faster, collided=(collided[0], collided[1]))
 
 
 def _rows(kept: Kept, name: str) -> list[Row]:
@@ -227,7 +231,10 @@ def _clause(panel: Panel, match: Match) -> str:
     if match.faster:
         win = "{} is faster than {} {place} at a tie in success"
     digits, of = (1, "success rate") if unit == "%" else (2, "error")
-    numbers = f"{values[0]:.{digits}f} vs. {values[1]:.{digits}f} {unit}, {match.scenes:,} {panel.scenes}"
+    numbers = f"{values[0]:.{digits}f} vs. {values[1]:.{digits}f} {unit}"
+    if match.collided:
+        numbers += ", collisions {:.1f} vs. {:.1f} %".format(*match.collided[::turned])
+    numbers += f", {match.scenes:,} {panel.scenes}"
     numbers = "; ".join(filter(None, (match.faster, numbers, match.ppo and f"PPO: {match.ppo} %")))
     if speeds:
         numbers += ", at {:.2f} vs. {:.2f} m/s".format(*speeds[::turned])
@@ -276,7 +283,7 @@ def figure(found: Sequence[Panel]) -> bytes:
             _draw(axes, panel)
         keys = [
             Patch(color=CONTROLLER, label="best controller of equal access"),
-            Patch(color=AGENT, label="trained agent"),
+            Patch(color=AGENT, label="best trained agent"),
         ]
         drawn.legend(handles=keys, loc="lower center", ncols=2, fontsize=16)
         drawn.tight_layout(rect=(0.0, 0.05, 1.0, 1.0), h_pad=2.0, w_pad=3.0)

@@ -211,7 +211,8 @@ def page(rows: Sequence[Mapping[str, Any]]) -> str:
         "[All results](../results.md)", "",
         "![Success on validation scenes against environment steps of four learners and controllers](learning.png)", "",
         f"A line is the mean of {SEEDS} seeds, its band reaches from the least to the most successful one. Dashed and "
-        "dotted: tuned controllers on the same scenes. No network begins as a copy of a controller. PPO, SAC and TD3 "
+        "dotted: controllers on the same scenes, `pure_pursuit` with default gains, the others hand-tuned, those of "
+        "goals on these very scenes, which helps them. No network begins as a copy of a controller. PPO, SAC and TD3 "
         f"are those of Stable-Baselines3, with the same inputs and actions, {ROBOTS} robots side by side, "
         f"networks of two layers of {HIDDEN[0]} units (tanh) and {STEPS:,} environment steps.", "",
         "Nothing was tuned for them. Other than Stable-Baselines3's defaults are the discount (the preset's), and for "
