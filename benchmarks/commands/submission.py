@@ -30,7 +30,7 @@ from wayfield.benchmarks.contests import (
     Entrants,
 )
 from wayfield.benchmarks.entrants.own_policies import OWN
-from wayfield.benchmarks.leaderboards.entries import COMPARED
+from wayfield.benchmarks.leaderboards.entries import COMPARED, ENDINGS
 from wayfield.benchmarks.records.cases import Case, Entrant
 from wayfield.benchmarks.records.episode import Episodes
 from wayfield.benchmarks.records.results import EPISODES, read_table
@@ -313,6 +313,7 @@ def check(submission: Submission, entrant: Entrant | None) -> None:
         raise Refused(f"its card has scenarios {shown(more)}, of which it has no episode")
     _check_suite(rows)
     _check_seeds(rows)
+    _check_outcomes(rows)
     check_whole(submission)
     _check_declared(rows, entrant)
 
@@ -389,6 +390,26 @@ def _check_seeds(rows: Collection[Row]) -> None:
             raise Refused(
                 f"{place(row)}: its seed is {row['seed']:.40}, that of the contest {wanted}: drive with --seed 0"
             )
+
+
+def _check_outcomes(rows: Collection[Row]) -> None:
+    """Raises Refused unless outcomes are 0 or 1 and success excludes the others, and time and cost are no negative.
+
+    A draw may miss the one episode whose number, which no drive can have, moves the mean of all.
+    """
+    for row in rows:
+        told = {name: row.get(name, "") for name in ("success", *ENDINGS)}
+        if wrong := next((name for name, cell in told.items() if cell not in ("", "0", "1")), ""):
+            raise Refused(f"{place(row)}: {wrong} is {shown(told[wrong])}; it must be 0 or 1")
+        if told.pop("success") == "1" and (other := next((name for name, cell in told.items() if cell == "1"), "")):
+            raise Refused(f"{place(row)}: success and {other} are both 1; an episode ends in one of them")
+        for name in ("time", ALL_CONTESTS[row["contest"]].cost.metric):
+            cell = row.get(name, "")
+            sign = "-?" if name == "extra_time" else ""  # who is near the goal is there before the straight line's end
+            if cell and not re.fullmatch(rf"{sign}\d+\.?\d*(e[+-]?\d+)?", cell, re.ASCII):
+                raise Refused(
+                    f"{place(row)}: {name} is {shown(cell)}; it must be a number{'' if sign else ' from 0 on'}"
+                )
 
 
 def _is_own(row: Row) -> bool:

@@ -157,7 +157,10 @@ def no_column(draw: random.Random, rows: Rows) -> Rows:
 TAMPERS: dict[str, tuple[Tamper, str]] = {
     "a number": (measured, "submitted as"),
     "times": (cell("time", lambda draw, _: f"{draw.randint(20, 80) * 0.05!r}"), "time is "),
-    "successes": (cell("success", lambda _, text: f"{1 - int(text)}"), "success is "),
+    "successes": (cell("success", lambda _, text: f"{1 - int(text)}"), "success"),
+    "more than a success": (cell("success", lambda draw, _: draw.choice(("1e9", "inf", "1.0", "-1"))), "must be 0 or"),
+    "two outcomes": (lambda draw, rows: [row | {"success": "1", "collision": "1"} for row in rows], "are both 1"),
+    "less than no time": (cell("time", lambda draw, _: draw.choice(("-1e6", "-0.05", "nan"))), "must be a number"),
     "training": (cell("learned_from", lambda draw, _: f"{draw.randint(1, 9)} M frames"), "learned_from is 0 frames"),
     "access": (cell("knows", lambda draw, _: draw.choice(("path", "map", "bodies"))), "knows is "),
     "parameters": (cell("parameters", lambda draw, _: f"{draw.randint(100, 999)}"), "parameters is "),
