@@ -8,6 +8,7 @@ from wayfield.envs import team_worlds
 from wayfield.envs.tasks.specs import TaskSpec
 from wayfield.policies.learned.residual import Base
 from wayfield.policies.parts.gain import Range, gains_of
+from wayfield.policies.parts.laws import ReferenceLaw
 from wayfield.policies.parts.policy import Policy, observation_of
 from wayfield.policies.paths.ilqr import Ilqr
 from wayfield.policies.paths.lookahead import Lookahead
@@ -26,6 +27,7 @@ from wayfield.policies.poses.smooth_pose import SmoothPose
 from wayfield.policies.poses.waypoint import Waypoint
 from wayfield.policies.random import Random
 from wayfield.policies.references.backstepping import Backstepping
+from wayfield.policies.references.feed_forward import FeedForward
 from wayfield.policies.references.feedback_linear import FeedbackLinear
 from wayfield.policies.references.governed import Governed
 from wayfield.policies.references.kanayama import Kanayama
@@ -128,6 +130,7 @@ ABOUT: dict[str, Listed] = {
         (PATHS,),
         protected="its plan; stops where no plan is found",
     ),
+    "feed_forward": Listed(FeedForward, "the reference's twist, blind to errors: a floor", "", (TIMED,), searched=()),
     "kanayama": Listed(
         Kanayama,
         "feedback of the error in the robot's frame, by a Lyapunov function",
@@ -155,7 +158,6 @@ ABOUT: dict[str, Listed] = {
         Governed,
         "samson, with a clock that waits for the base: stays on the path, comes late",
         "Samson 1993; Garone et al. 2017",
-        (TIMED,),
         searched=("zeta", "b", "c"),
         protected="its reference's time",
     ),
@@ -379,6 +381,8 @@ def cruising(name: str, gains: Mapping[str, Any], speed: float) -> dict[str, flo
         TypeError: as `make`.
     """
     policy: Any = make(name, **gains)
+    if isinstance(policy, ReferenceLaw):
+        return {}  # the reference sets the speed
     if isinstance(policy, Lookahead):
         # the law settles at v = k_lin L; the ratio of the default gains says what curves are driven at any speed
         k_lin = speed / policy.lookahead_distance

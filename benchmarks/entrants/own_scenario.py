@@ -118,7 +118,8 @@ def _own(file: str, scale: float | None, digest: str) -> OwnScenario:
             f"{file}: the way is {length:,.0f} m long, which is many hours of driving; make it at most "
             f"{_LONGEST:,.0f} m{shorter}"
         )
-    steps = math.ceil((length / _SPEED + _SLACK) / CONTROL_PERIOD)
+    seconds = max(length / _SPEED, *getattr(scenario, "times", ()), 0.0)  # those of a reference are its own
+    steps = math.ceil((seconds + _SLACK) / CONTROL_PERIOD)
     return OwnScenario(contest, file, scenario, steps, scale)
 
 

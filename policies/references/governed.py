@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from wayfield.envs import trajectory_tracking
 from wayfield.envs.robots.kinematics import to_body_frame
+from wayfield.envs.robots.references import sample_index
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies.parts.gain import gain
 from wayfield.policies.parts.lead import aims_of
@@ -21,20 +22,25 @@ from wayfield.system.elementary import sin_cos, wrap_angle
 class Governed(Samson):
     """Samson's law on a reference whose clock goes on only as fast as the robot comes after.
 
-    With e_x the error ahead, the reference's time s goes at the rate s' = clip(1 - c e_x, 0, 1), and its twist is that
-    share of what it says. A base that cannot keep up cuts inside of bends by any law; this one stays on the path, and
-    comes late: it trades the error off the path, which falls to e_x = (1 - s') / c, for one in time.
+    With e_x the error ahead, the reference's time s goes at the rate s' = clip(1 + h - c e_x, least_rate, 1 + h), and
+    its twist is that share of what it says; h is `hurry` while s is late, and 0 otherwise. At rate 0 Samson's gains are
+    0 too, and both would wait for ever. A base that cannot keep up cuts inside
+    of bends by any law; this one stays on the path, and comes late: it trades the error off the path for one in time,
+    which grows for as long as the base cannot. It is for starts on the reference: from beside it the clock waits too,
+    and what measures by the reference's own time sees it late from then on. It enters no contest.
 
     Source: Garone, Di Cairano, Kolmanovsky, Reference and command governors for systems with constraints: a survey,
     Automatica 75, 2017, for the idea; the rate is an addition.
     """
 
     c: float = gain(20.0, "1/m", "by which the clock waits for an error ahead", above=0.0, search=(2.0, 50.0))
+    least_rate: float = gain(0.2, "1", "of the clock, at which the law still acts", above=0.0, most=1.0)
+    hurry: float = gain(0.1, "1", "by which the clock goes faster while it is late", least=0.0, most=1.0)
 
     knows: ClassVar[str] = "path"
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
-        """Returns a memory (b, 4), of which the last number is the reference's time in control periods."""
+        """Returns a memory (b, 4), of which the last two are the time and the reference's, in control periods."""
         return Samson(self.lead, 0.0, self.zeta, self.b).reset(briefing)
 
     def act(
@@ -47,8 +53,8 @@ class Governed(Samson):
             reference_twist=np.empty_like(observation.reference_twist),
             preview=np.empty_like(observation.preview),
         )
-        wait(*briefing.reference, briefing.preview_spacing / briefing.dt, self.c, observation.pose, memory,
-             seen.error, seen.reference_twist, seen.preview)  # fmt: skip
+        stride, gains = briefing.preview_spacing / briefing.dt, (self.c, self.least_rate, self.hurry)
+        wait(*briefing.reference, stride, gains, observation.pose, memory, *seen[2:4], seen.preview)
         aims = aims_of(type(self).__name__, seen, briefing, self.lead)
         twists = np.empty((len(aims), 2))
         follow_samson(params(self, briefing), aims, twists)
@@ -59,8 +65,9 @@ class Governed(Samson):
 
 @any_layout
 @compiled
-def wait(samples, times, index, stride, c, poses, memory, error, twist, preview):
+def wait(samples, times, index, stride, gains, poses, memory, error, twist, preview):
     """Fills what robots (b, 3) observe of references at their own times and rates, and moves those times on."""
+    c, least, hurry = gains
     last = twist.shape[1] - 1
     for i in range(poses.shape[0]):
         run = times[index[i]]
@@ -70,16 +77,12 @@ def wait(samples, times, index, stride, c, poses, memory, error, twist, preview)
             at = memory[i, 3] + j * stride * rate
             k = int(at)
             z = at - k
-            behind = k + 1
-            if k > run.last:
-                k = run.last - run.lap + 1 + (k - run.last - 1) % run.lap
-            if behind > run.last:
-                behind = run.last - run.lap + 1 + (behind - run.last - 1) % run.lap
-            a = samples[run.first + k]
-            b = samples[run.first + behind]
+            a = samples[sample_index(run, k)]
+            b = samples[sample_index(run, k + 1)]
             x, y = to_body_frame(poses[i, 0], poses[i, 1], sine, cosine, a.x + z * (b.x - a.x), a.y + z * (b.y - a.y))
             if j == 0:
-                rate = min(max(1.0 - c * x, 0.0), 1.0)
+                most = 1.0 + min(hurry, memory[i, 2] - memory[i, 3])
+                rate = min(max(most - c * x, least), most)
             turn = wrap_angle(a.heading + z * wrap_angle(b.heading - a.heading) - poses[i, 2])
             vx = rate * (a.vx + z * (b.vx - a.vx))
             vy = rate * (a.vy + z * (b.vy - a.vy))
@@ -96,4 +99,5 @@ def wait(samples, times, index, stride, c, poses, memory, error, twist, preview)
                 if last == 2:
                     preview[i, j - 1, 4] = vy
                 preview[i, j - 1, 3 + last] = w
+        memory[i, 2] += 1.0
         memory[i, 3] += rate

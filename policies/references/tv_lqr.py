@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs import trajectory_tracking
-from wayfield.envs.robots.references import References
+from wayfield.envs.robots.references import References, sample_index
 from wayfield.envs.scenarios.reference_proofs import regulator, wanted_twist
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies.parts.gain import Gains, gain
@@ -97,19 +97,15 @@ def regulate(bases, holonomic, gains, first, samples, times, index, wheels, erro
         run = times[index[i]]
         k = memory[i].period
         memory[i].period = k + 1
-        behind = k + 1
-        if k > run.last:
-            k = run.last - run.lap + 1 + (k - run.last - 1) % run.lap
-        if behind > run.last:
-            behind = run.last - run.lap + 1 + (behind - run.last - 1) % run.lap
-        here = samples[run.first + k]
-        cx, cy, cw = wanted_twist(base, here, samples[run.first + behind])
+        at = sample_index(run, k)
+        here = samples[at]
+        cx, cy, cw = wanted_twist(base, here, samples[sample_index(run, k + 1)])
         # the robot minus the reference, in the reference's frame
         sine, cosine = sin_cos(errors[i, 2])
         x = -cosine * errors[i, 0] - sine * errors[i, 1]
         y = sine * errors[i, 0] - cosine * errors[i, 1]
         for c in range(last + 1):
-            g = gains[first[i] + k, c]
+            g = gains[first[i] + at - run.first, c]
             away = g[0] * x + g[1] * y - g[2] * errors[i, 2]
             away += g[3] * (wheels[i, 0] - here.vx)
             if last == 2:

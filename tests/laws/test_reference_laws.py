@@ -221,7 +221,7 @@ def test_a_base_that_cannot_keep_up_cuts_inside_and_a_governed_clock_keeps_it_on
         v = 1.2955  # at whole periods a lap
         assert abs(states["cross_track_error"][0]) == pytest.approx(1.0 - (1.2 - h * v) / v, abs=1e-3)
     for c, most in ((5.0, 6e-3), (20.0, 1.6e-3)):
-        _, states = errors(make("governed", c=c), 1200, scenario=scenario)
+        _, states = errors(make("governed", c=c, hurry=0.0), 1200, scenario=scenario)
         assert abs(states["cross_track_error"][0]) < most
 
 
