@@ -312,7 +312,18 @@ def mjcf(
     _add(asset, "texture", name="tiles", type="2d", builtin="checker", **tiles)
     _add(asset, "material", name="floor", texture="tiles", texrepeat="1 1", texuniform="true")
     _add(world, "light", pos="0 0 6", dir="0 0 -1", diffuse="0.35 0.35 0.35")
-    _add(world, "geom", name="floor", type="plane", size="0 0 1", material="floor", contype=1, conaffinity=0)
+    # of two frictions the larger one counts: on the floor that of what is pushed
+    _add(
+        world,
+        "geom",
+        name="floor",
+        type="plane",
+        size="0 0 1",
+        material="floor",
+        contype=1,
+        conaffinity=0,
+        friction="0 0 0",
+    )
     _robot(world, base)
     if obstacles is not None:
         _things(world, obstacles, floor_friction)
