@@ -232,7 +232,11 @@ def _clause(panel: Panel, match: Match) -> str:
         win = "{} is faster than {} {place} at a tie in success"
     digits, of = (1, "success rate") if unit == "%" else (2, "error")
     numbers = f"{values[0]:.{digits}f} vs. {values[1]:.{digits}f} {unit}"
-    if match.collided:
+    # elsewhere what is missing to 100 % are collisions, as README says above
+    if match.collided and any(
+        abs(100.0 - each - hit) > 0.5
+        for each, hit in zip(match.shares or (a.value, b.value), match.collided, strict=True)
+    ):
         numbers += ", collisions {:.1f} vs. {:.1f} %".format(*match.collided[::turned])
     numbers += f", {match.scenes:,} {panel.scenes}"
     numbers = "; ".join(filter(None, (match.faster, numbers, match.ppo and f"PPO: {match.ppo} %")))
@@ -269,8 +273,8 @@ def _count(found: Sequence[Panel]) -> str:
     won = sum(match.outcome == BETTER for match in matches)
     where = f" ({'; '.join(lost)})" if lost else ""
     return (
-        f"Of {len(matches)} kinds of scenes, controllers win {won}, agents win {len(lost)}{where}, and neither wins "
-        f"{len(matches) - won - len(lost)}: equivalent, or no significant difference after correction for multiple "
+        f"Of {len(matches)} kinds of scenes, controllers win {won}, agents win {len(lost)}{where}, and "
+        f"{len(matches) - won - len(lost)} are ties: equivalent, or not significant after correction for multiple "
         "comparisons."
     )
 
