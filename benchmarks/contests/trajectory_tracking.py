@@ -101,7 +101,7 @@ def reached(rows: Episodes) -> bool:
 TRAJECTORY_TRACKING = Contest(
     spec=_SPEC,
     policies=entering(_SPEC.suite),
-    overview=("kanayama",),
+    overview=("kanayama", "samson", "tv_lqr"),
     env_kwargs={},
     columns=(
         Column("left tube (%)", "left_corridor", 1, 100.0),

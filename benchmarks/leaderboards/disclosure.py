@@ -10,6 +10,7 @@ from wayfield.policies.learned.agent import PATIENCE
 _TOLD: Mapping[str, str] = {
     "sensors": "nothing",
     "path": "the whole path",
+    "reference": "the whole reference",
     "goal": "the goal",
     "bodies": "nothing",
     "map": "the goal, every obstacle and how it moves",
@@ -17,6 +18,7 @@ _TOLD: Mapping[str, str] = {
 }
 _SEES: Mapping[str, str] = {
     "path": "its exact pose, errors and twist; the true path, a metre ahead",
+    "reference": "its exact pose, errors, twist and command; the reference, 0.8 s ahead",
     "goal": "its exact pose and twist, where the goal is, its scan",
     "bodies": "its exact pose and twist, where the goal is, its scan, the ten nearest bodies in sight",
 }
