@@ -84,7 +84,7 @@ def drawing() -> Figure:
     """Returns all robots, each to the same scale."""
     most = 1.08 * max(robot.hull_radius for robot in ROBOTS.values()) + 0.02
     rows = math.ceil(len(ROBOTS) / _COLUMNS)
-    figure, axes = subplots(rows, _COLUMNS, figsize=(2.5 * _COLUMNS, 2.75 * rows + 0.3), squeeze=False)
+    figure, axes = subplots(rows, _COLUMNS, figsize=(2.5 * _COLUMNS, 3.3 * rows + 0.5), squeeze=False)
     for axis, robot in zip(axes.flat, ROBOTS.values(), strict=False):
         _robot(axis, robot, most)
     for axis in axes.flat[len(ROBOTS) :]:
@@ -99,7 +99,7 @@ def drawing() -> Figure:
         "Light blue: field of view of the lidar, not its range."
     )
     figure.text(0.01, 0.01, note, fontsize=10)
-    figure.tight_layout(rect=(0.0, 0.05, 1.0, 1.0))
+    figure.subplots_adjust(0.01, 0.09, 0.99, 0.88, hspace=0.42)
     return figure
 
 

@@ -23,12 +23,13 @@ teams, which have at most 16 robots here, those of worlds.
 
 import dataclasses
 import errno
+import functools
 import json
 import math
 import os
 import shlex
 import tempfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -633,6 +634,18 @@ def write_gains(file: Path, content: Mapping[str, Any]) -> None:
     write_whole(file, (json.dumps(content, indent=2) + "\n").encode())
 
 
+def budgeted(frames: int) -> Callable[[Any], Any]:
+    """Returns what gives a command the options of how much is searched, with a budget in environment steps."""
+    at_least_one = click.IntRange(min=1)
+    options = (
+        click.option("--frames", type=at_least_one, default=frames, show_default=True, help="Environment steps."),
+        click.option("--trials", type=at_least_one, default=400, show_default=True, help="Sets of gains, at most."),
+        click.option("--scenarios", type=at_least_one, default=10, show_default=True, help="Scenarios of each family."),
+        click.option("--seed", type=SEED, default=0, show_default=True, help="Seed of the search."),
+    )
+    return lambda command: functools.reduce(lambda made, option: option(made), reversed(options), command)
+
+
 @click.command("tune", cls=OneLineErrors)
 @click.argument("policy", metavar="POLICY", type=Choice("POLICY", SEARCHED))
 @click.option("--suite", type=Choice("--suite", TUNED_FOR), required=True, help="Contest whose scenarios are used.")
@@ -654,24 +667,7 @@ def write_gains(file: Path, content: Mapping[str, Any]) -> None:
     help="A second level under which every set of gains is run; --ship writes the set for it too.",
 )
 @click.option("--actuators", type=Choice("--actuators", ("ideal", "lagged", "slow")), default="lagged")
-@click.option(
-    "--frames",
-    type=click.IntRange(min=1),
-    default=2_000_000,
-    show_default=True,
-    help="Budget of the search, in environment steps.",
-)
-@click.option(
-    "--trials",
-    type=click.IntRange(min=1),
-    default=400,
-    show_default=True,
-    help="Maximum number of sets of gains to try.",
-)
-@click.option(
-    "--scenarios", type=click.IntRange(min=1), default=10, show_default=True, help="Scenarios of each family."
-)
-@click.option("--seed", type=SEED, default=0, show_default=True, help="Seed of the search.")
+@budgeted(2_000_000)
 @click.option(
     "--range",
     "wider",

@@ -9,10 +9,10 @@ from collections.abc import Iterator
 import click
 
 from wayfield.benchmarks.contests import CONTESTS, ROBUST_LEVEL
-from wayfield.benchmarks.tuning.tune import SEARCHED, Search, folder_of, starting_gains, summary, write_gains
+from wayfield.benchmarks.tuning.tune import SEARCHED, Search, budgeted, folder_of, starting_gains, summary, write_gains
 from wayfield.envs.robots import ROBOTS
 from wayfield.policies.parts.tuned import PACE, condition, tuned_conditions
-from wayfield.system.command_line import SEED, Names, OneLineErrors, on_cluster, say, shared_out
+from wayfield.system.command_line import Names, OneLineErrors, on_cluster, say, shared_out
 
 Wanted = tuple[str, str, str, float, str]  # suite, policy, robot, requested speed (m/s), level of disturbance
 
@@ -38,24 +38,7 @@ def searches() -> Iterator[Wanted]:
 @click.command("tune_all", cls=OneLineErrors)
 @click.option("--suites", type=Names("--suites", CONTESTS), help="Comma-separated.  [default: all]")
 @click.option("--policies", "names", type=Names("--policies", SEARCHED), help="Comma-separated.  [default: all]")
-@click.option(
-    "--frames",
-    type=click.IntRange(min=1),
-    default=8_000_000,
-    show_default=True,
-    help="Environment steps of each search.",
-)
-@click.option(
-    "--trials",
-    type=click.IntRange(min=1),
-    default=400,
-    show_default=True,
-    help="Maximum number of sets of gains to try.",
-)
-@click.option(
-    "--scenarios", type=click.IntRange(min=1), default=10, show_default=True, help="Scenarios of each family."
-)
-@click.option("--seed", type=SEED, default=0, show_default=True, help="Seed of the searches.")
+@budgeted(8_000_000)
 @click.option("--force", is_flag=True, help="Tune again, even where gains ship.")
 @click.option(
     "--workers", "count", type=click.IntRange(min=1), default=1, show_default=True, help="Number of processes."
