@@ -32,7 +32,6 @@ from wayfield.envs.scenarios import scenarios_of, splits
 from wayfield.policies import POLICIES, make
 from wayfield.policies.learned.agent import CARD, load_agent
 from wayfield.policies.learned.conditions import NewToAgent
-from wayfield.policies.parts.rehearsal import PathLost
 from wayfield.policies.parts.tuned import tuned_set
 from wayfield.policies.trained.any_robot import agents_of
 from wayfield.policies.trained.ppo import trained
@@ -193,10 +192,6 @@ def played(setting: Setting) -> list[Episode]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", NewToAgent)  # the table shows how agents do there
         warnings.simplefilter("ignore", FileNote)  # said where the courses were made
-        if not os.path.isabs(setting.case.scenario):
-            warnings.simplefilter(
-                "ignore", PathLost
-            )  # the table shows it; of a user's file it is said before the start
         driven = zip(episodes(setting), declared(setting), strict=True)
         return [(row | more, trajectory) for (row, trajectory), more in driven]
 

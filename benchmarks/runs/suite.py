@@ -1,7 +1,9 @@
 """From cases to rows: rolls out every case of a suite and measures its episodes."""
 
+import contextlib
 import dataclasses
 import math
+import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
@@ -17,6 +19,7 @@ from wayfield.benchmarks.records.trajectory import Trajectory
 from wayfield.envs import goal_reaching
 from wayfield.envs.scenarios import spec_of
 from wayfield.envs.tasks.specs import CROWDS
+from wayfield.policies.parts.rehearsal import unrehearsed
 
 Episode = tuple[dict[str, Any], Trajectory]
 WORST = 3  # episodes of each entry of a contest that are shown
@@ -69,7 +72,15 @@ def gathered(done: Mapping[int, list[Episode]]) -> tuple[Episodes, dict[str, Tra
 
 
 def episodes(setting: Setting) -> list[Episode]:
-    """Returns the episodes of a setting, each as its row and its trajectory."""
+    """Returns the episodes of a setting, each as its row and its trajectory.
+
+    Of a file of the user's own it is said before the start where a law will lose a path.
+    """
+    with contextlib.nullcontext() if os.path.isabs(setting.case.scenario) else unrehearsed():
+        return _driven(setting)
+
+
+def _driven(setting: Setting) -> list[Episode]:
     case, numbers = setting.case, setting.numbers or range(setting.episodes)
     how: dict[str, Any] = {
         "dynamics": setting.dynamics,
