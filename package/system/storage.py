@@ -28,7 +28,10 @@ def write_whole(file: Path, content: bytes | Iterable[bytes]) -> None:
         OSError: if it cannot be written; what was there before still is.
     """
     clear_stale(file.parent)
-    handle, name = tempfile.mkstemp(prefix=_own_prefix(), dir=file.parent)
+    try:
+        handle, name = tempfile.mkstemp(prefix=_own_prefix(), dir=file.parent)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(file)) from None  # the user's name, not that of ours
     try:
         with open(handle, "wb") as stream:
             stream.writelines([content] if isinstance(content, bytes) else content)
