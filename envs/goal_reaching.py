@@ -31,7 +31,7 @@ from wayfield.envs.tasks.stepping import (
     Robots,
     Step,
     Turn,
-    places,
+    numbered,
     reset_robots,
     step_robots,
     write_motion,
@@ -148,8 +148,8 @@ INFO = (
     "waypoint",
 )
 FLAGS = ("success", "collision")
-NUMBER = places(*INFO)
-FLAG = places(*FLAGS)
+NUMBER = numbered(*INFO)
+FLAG = numbered(*FLAGS)
 DRAWS = 3  # random numbers of a reset, besides the choice of the scenario
 
 

@@ -31,7 +31,7 @@ from wayfield.envs.tasks.stepping import (
     Step,
     Turn,
     nothing_more,
-    places,
+    numbered,
     reset_robots,
     step_robots,
     write_motion,
@@ -128,8 +128,8 @@ class Observation(NamedTuple):
 
 INFO = ("time", "arc_length", "progress", "cross_track_error", "heading_error", "completion")
 FLAGS = ("success", "left_corridor", "collision")
-NUMBER = places(*INFO, "reward")
-FLAG = places(*FLAGS, "ended")
+NUMBER = numbered(*INFO, "reward")
+FLAG = numbered(*FLAGS, "ended")
 LOOKAHEAD = 0.5  # m, of the marker that frames show
 DRAWS = 2  # random numbers of a reset, besides the choice of the scenario
 

@@ -64,7 +64,7 @@ from wayfield.envs.tasks.arguments import ScanArguments, argument
 from wayfield.envs.tasks.constraints import Constraint, at_least
 from wayfield.envs.tasks.observation import Field, Layout
 from wayfield.envs.tasks.specs import CROWDS, TASKS, TaskSpec
-from wayfield.envs.tasks.stepping import Outputs, Reset, Robots, Step, Turn, drawn_scenario, places, step_worlds
+from wayfield.envs.tasks.stepping import Outputs, Reset, Robots, Step, Turn, drawn_scenario, numbered, step_worlds
 from wayfield.envs.tasks.task import Options
 from wayfield.envs.world.grids import Grids, clearance_around
 from wayfield.system.checks import LONGEST, choose, positive, shown, suggestion, truth, whole
@@ -114,8 +114,8 @@ CAUSES_FROM = 0.05  # m/s towards another body, above which a robot has caused a
 
 TEAM_INFO = (*INFO, "gap", "touched")
 TEAM_FLAGS = (*FLAGS, "caused")
-NUMBER = places(*TEAM_INFO)
-FLAG = places(*TEAM_FLAGS)
+NUMBER = numbered(*TEAM_INFO)
+FLAG = numbered(*TEAM_FLAGS)
 
 
 class Observation(NamedTuple):

@@ -43,7 +43,7 @@ from wayfield.envs.tasks.stepping import (
     Step,
     Turn,
     nothing_more,
-    places,
+    numbered,
     reset_robots,
     step_robots,
     write_motion,
@@ -152,8 +152,8 @@ class Observation(NamedTuple):
 
 INFO = ("time", "position_error", "cross_track_error", "heading_error", "cost")
 FLAGS = ("success", "left_corridor", "collision")
-NUMBER = places(*INFO, "reward")
-FLAG = places(*FLAGS, "ended")
+NUMBER = numbered(*INFO, "reward")
+FLAG = numbered(*FLAGS, "ended")
 DRAWS = 3  # random numbers of a reset, besides the choice of the scenario
 
 

@@ -4,19 +4,25 @@ The tests run as root as well, whom no permission stops: an unwritable folder is
 file, or by taking the places away in which numba looks.
 """
 
+import contextlib
 import inspect
 import json
 import os
+import pkgutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 
+import wayfield.envs
+import wayfield.policies
 from wayfield.system.compiled import compiled, flattened
+from wayfield.system.kernel_digest import kernel_digest
 
 KERNEL = """
 from wayfield.system.compiled import compiled, inlined
@@ -131,6 +137,10 @@ from other import Pair, half
 from wayfield.system.compiled import compiled
 
 FIRST = 1.0  # {comment}
+
+def first():  # no kernel calls it, though one reads an attribute of its name
+    raise NotImplementedError
+
 TABLE = np.array([2.0, 3.0])
 
 def closed(number):
@@ -252,6 +262,21 @@ def test_a_kernel_that_calls_what_cannot_be_followed_depends_on_all_sources(run:
     for bound, told in ((0, "True 1"), (0, "True 0"), (2, "False 1")):
         (tmp_path / "caller.py").write_text(OVERLOADED.format(bound=bound))
         assert run(tmp_path, tmp_path / "cache", code) == [told]
+
+
+def test_no_kernel_of_the_package_depends_on_all_sources() -> None:
+    kernels: dict[int, Any] = {}
+    for room in (wayfield.envs, wayfield.policies):
+        for found in pkgutil.walk_packages(room.__path__, f"{room.__name__}."):
+            with contextlib.suppress(ModuleNotFoundError):  # of an extra
+                there = vars(import_module(found.name)).values()
+                kernels |= {id(each): each for each in there if hasattr(each, "targetoptions")}
+    alike: dict[str, list[str]] = {}
+    for each in kernels.values():
+        alike.setdefault(kernel_digest(each), []).append(each.py_func.__qualname__)
+    # those that do have one digest, that of the sources
+    assert len(alike) > 300
+    assert [names for names in alike.values() if len(names) > 1] == []
 
 
 def test_without_any_folder_it_is_compiled_anew_and_said_once(called: Called, tmp_path: Path) -> None:

@@ -67,7 +67,7 @@ class Outputs(NamedTuple):
     flags: NDArray[np.bool_]  # (info flags and whether the episode ended, b)
 
 
-def places(*names: str) -> Any:
+def numbered(*names: str) -> Any:
     """Returns the index of each name, by name: what a kernel writes rows of numbers and flags by."""
     return collections.namedtuple("Places", names)(*range(len(names)))
 

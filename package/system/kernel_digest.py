@@ -116,6 +116,13 @@ def _names(code: types.CodeType) -> set[str]:
     return set(code.co_names).union(*within)
 
 
+def _globals(code: types.CodeType) -> set[str]:
+    """Returns the names of globals alone: an attribute may be called as a function of its module is."""
+    within = (_globals(each) for each in code.co_consts if isinstance(each, types.CodeType))
+    loaded = (each.argval for each in dis.get_instructions(code) if each.opname == "LOAD_GLOBAL")
+    return set(loaded).union(*within)
+
+
 def _plain(value: Any) -> str:
     """Returns a constant's representation, with its type: 1, 1.0 and True are different constants."""
     if isinstance(value, tuple):
@@ -147,7 +154,7 @@ def _of_function(function: types.FunctionType, path: _Path) -> _Found:
     code = function.__code__
     parts: list[bytes | str] = [function.__module__, function.__qualname__, *_code_parts(code)]
     names = sorted(_names(code))
-    refers = [(name, function.__globals__[name]) for name in names if name in function.__globals__]
+    refers = [(name, function.__globals__[name]) for name in sorted(_globals(code)) if name in function.__globals__]
     cells = zip(code.co_freevars, function.__closure__ or (), strict=True)
     refers += [(f"free {name}", cell.cell_contents) for name, cell in cells]
     refers += [(f"default {k}", value) for k, value in enumerate(function.__defaults__ or ())]
