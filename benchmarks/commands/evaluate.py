@@ -225,10 +225,11 @@ def main(**given: Any) -> None:
       path-following            follow a path
       goal-obstacles            reach a goal among obstacles
       docking                   stop at a pose
-      disturbances              these three, under growing disturbances
+      trajectory-tracking       follow a moving reference pose
+      disturbances              these four, under growing disturbances
       teams, people, crowdnav   several robots; one robot among people
-      documents                 the three reference papers
-      papers                    a published claim, run again: --claim NAME
+      documents                 scenarios of the three reference papers
+      papers                    a published claim, re-run: --claim NAME
       barn, mrpb, movingai,
       racetracks                public benchmarks, from --data FOLDER
 
