@@ -9,7 +9,8 @@ from typing import Any
 import click
 
 from wayfield.benchmarks.commands.contest_options import Options, WrongOption
-from wayfield.benchmarks.contests import ALL_CONTESTS
+from wayfield.benchmarks.contests import ALL_CONTESTS, Contest
+from wayfield.benchmarks.contests.contest import without_need
 from wayfield.benchmarks.leaderboards.leaderboard import contest_tables
 from wayfield.benchmarks.records.episode import Episodes
 from wayfield.benchmarks.records.progress import tracked
@@ -24,6 +25,7 @@ from wayfield.benchmarks.runs.decisions import DECISIONS, measured, read_decisio
 from wayfield.benchmarks.runs.prefetch import Prefetch
 from wayfield.benchmarks.runs.shards import Part, clear_parts, drives_of, parts_of, run_contest
 from wayfield.benchmarks.runs.suite import Setting
+from wayfield.system.command_line import say
 from wayfield.system.executors import Executor, Failed, workers
 
 Short = list[tuple[str, Table]]  # of each task: the result as a sentence and a small table
@@ -35,7 +37,9 @@ def contest_report(options: Options, folder: Path, executor: Executor, count: in
     Args:
         count: processes of this machine for what needs its files, where the executor has none of them.
     """
-    with contest_section(options, settings_of(options), folder, executor, count) as section:
+    settings = settings_of(options)
+    tell_left_out(options, [ALL_CONTESTS[name] for name in options.contests])
+    with contest_section(options, settings, folder, executor, count) as section:
         title = f"wayfield: {options.wanted}"
         return list(section.tables), write_page(section.folder / REPORT, title, [section], options.command)
 
@@ -74,6 +78,12 @@ def settings_of(options: Options) -> list[Setting]:
         raise click.UsageError(f"--{error}") from None
     except ValueError as error:  # a damaged split or agent, or a policy of the user's own that fails
         raise click.ClickException(str(error)) from None
+
+
+def tell_left_out(options: Options, contests: Sequence[Contest]) -> None:
+    """Says on stderr which entrants the robot leaves out, where none was named: a line for each thing it cannot do."""
+    for line in [] if options.policies else without_need(contests, options.chosen_robot):
+        say(f"evaluate: {line}", err=True)
 
 
 @contextlib.contextmanager

@@ -37,6 +37,7 @@ from wayfield.benchmarks.commands.contest_report import (
     quick_report,
     settings_of,
     short_findings,
+    tell_left_out,
 )
 from wayfield.benchmarks.contests import (
     ALL_CONTESTS,
@@ -337,6 +338,7 @@ def run_path(options: Options) -> None:
         names = options.names and _with_agents(options, [own_scenario(options.path, options.scale).contest])
         cases = own_cases(options.path, options.scale, names, options.robot or "p3dx")
         hopeless = without_way(options.path, options.robot or "p3dx") if options.scale is None else ""
+    tell_left_out(options, [own_scenario(options.path, options.scale).contest])
     if hopeless:  # before hours of driving
         say(f"evaluate: {hopeless}", err=True)
     differing = options.differing("kinematic", "lagged")

@@ -28,7 +28,7 @@ from wayfield.envs.scenarios.splits import members
 from wayfield.envs.tasks.specs import Cost
 from wayfield.envs.tasks.task import CONTROL_PERIOD
 from wayfield.policies.learned.agent import CARD, drives, read_card
-from wayfield.policies.parts.policy import lacks
+from wayfield.policies.parts.policy import NEEDS, lacks
 from wayfield.policies.parts.tuned import PACE, tuned_set
 from wayfield.policies.trained.ppo import shipped, trained
 
@@ -433,6 +433,18 @@ def with_agents(
     untrained = {name: line for name, line in lines[0].items() if all(name in each for each in lines)}
     kept = tuple(name for name in names if name not in untrained)
     return (kept, [f"{line}; it is left out" for line in untrained.values()]) if kept or others else (names, [])
+
+
+def without_need(contests: Iterable[Contest], robot: Robot) -> list[str]:
+    """Returns a line for each thing that a robot cannot do, with the entrants of contests that need it."""
+    names = dict.fromkeys(name for each in contests for name in each.policies if name not in each.on_request)
+    lacking = {name: lacks(policies.make(name), robot) for name in names}
+    found = {need: ", ".join(name for name in names if need in lacking[name]) for need in NEEDS}
+    return [
+        f"left out with {robot.name!r}, since they need a robot that {NEEDS[need]}: {those}"
+        for need, those in found.items()
+        if those
+    ]
 
 
 def _cruising(name: str, gains: Mapping[str, Any], entrant: Entrant | None, speed: float) -> dict[str, Any] | None:

@@ -429,9 +429,11 @@ class Robot:
     def max_twist(self) -> NDArray[np.float64]:
         """Returns the largest value of each commandable twist component alone, m/s and rad/s.
 
-        At rated wheel speed, and no faster than the driver turns.
+        At rated wheel speed, and no faster than the driver turns; a steered base turns on its smallest radius.
         """
-        found = np.asarray(self.rated_wheel_speed / np.abs(self.wheel_matrix[:, self.twist_axes]).max(axis=0))
+        columns = self.wheel_matrix[:, self.twist_axes]
+        columns[:, -1] += self.turning_radius * columns[:, 0]  # it drives while it turns
+        found = np.asarray(self.rated_wheel_speed / np.abs(columns).max(axis=0))
         found[-1] = min(found[-1], self.turn_speed)
         return found
 

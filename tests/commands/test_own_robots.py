@@ -110,6 +110,25 @@ def test_a_trained_policy_without_an_agent_is_left_out_and_the_others_drive(tmp_
     assert "--policies 'ppo': no agent ships for goal_reaching with cart" in refused(evaluate.main, alone)
 
 
+@pytest.mark.usefixtures("undrawn")
+@pytest.mark.parametrize("option", ["--path", "--scenarios"])
+def test_laws_that_need_what_a_robot_cannot_do_are_named_in_a_line(tmp_path: Path, option: str) -> None:
+    folder = tmp_path / "scenes"
+    folder.mkdir()
+    (folder / "way.csv").write_text("x,y\n0,0\n2,0\n")
+    given = str(folder / "way.csv" if option == "--path" else folder)
+    car = cart(tmp_path, turning_radius=0.4)
+    words = [option, given, "--robot", car, "--dynamics", "kinematic", "--workers", "1", "--out", str(tmp_path / "out")]
+    found = CliRunner().invoke(evaluate.main, words)
+    assert found.exit_code == 0, found.output
+    (line,) = (line for line in found.stderr.splitlines() if "left out" in line)
+    assert line.startswith("evaluate: left out with 'cart', since they need a robot that turns on the spot")
+    rows = (tmp_path / "out/episodes.csv").read_text()
+    named = line.rpartition(": ")[2].split(", ")
+    assert {"ilqr", "mpc", "regulated_pure_pursuit", "stanley"} <= {*named}
+    assert [name for name in (*named, "lqr") if f",{name}," in rows] == ["lqr"]
+
+
 def test_compare_leaves_out_a_trained_policy_without_an_agent_as_evaluate_does(tmp_path: Path) -> None:
     robot = cart(tmp_path)
     where: Any = {"contest": "goal-obstacles", "families": ["clutter_10"], "episodes": 1, "robot": robot}

@@ -144,6 +144,10 @@ def test_a_steered_base_turns_on_no_smaller_radius_than_its_own(
     for turn in np.random.default_rng(seed).uniform(-2.0, 2.0, 40):
         *last, _ = limits(sheet, tuple(last), (wanted[0], 0.0, wanted[2] + turn), 0.05)
         assert abs(last[2]) * radius <= abs(last[0]) * (1.0 + 1e-12)
+        assert abs(last[2]) <= car.max_twist[1] * (1.0 + 1e-12)
+    fastest = car.max_twist[1]
+    assert saturation_factor(sheet, radius * fastest, 0.0, fastest) == pytest.approx(1.0)
+    assert saturation_factor(sheet, 1.01 * radius * fastest, 0.0, 1.01 * fastest) < 0.999
 
 
 @given(st.floats(0.01, 2.0), st.floats(0.001, 0.5))
