@@ -107,8 +107,13 @@ def found(contest: Contest, robot: str, rows: Episodes, named: tuple[str, ...] =
     sentence = f"{contest.title} with {base}: {of}{shown} on the same {on} of {families}. {' '.join(sentences)}"
     if all(each.endswith(f"{TOO_FEW}.") for each in sentences):  # the table says the rest
         own = OWN_SPLIT in rows.unique("split")  # no suite holds them
-        suite = "too few to settle it" if own else f"`wayfield evaluate --suite {contest.name}` settles it"
-        sentence = f"{contest.title}, {robot}: {_lead(rivals, contest)} ({on}; {suite})."
+        suite = (
+            "too few to settle it"
+            if own
+            else f"for a reliable comparison run `wayfield evaluate --suite {contest.name}`"
+        )
+        pace = "" if contest.pace is None else f", target speed {contest.pace:g} m/s"
+        sentence = f"{contest.title}, {robot}{pace}: {_lead(rivals, contest)} (only {on}; {suite})."
     elif len(rivals) < len(ranked):
         above = next(each for each in ranked if MAP in each.access)
         sentence += f" {label(above.entry)} has access to the map, an upper reference: {_achieved(above, contest)}."
@@ -250,7 +255,7 @@ def _small(
         note += f" {left} more in the full table."
     if any(each.away for each in shown):
         note += f" {OFF_PACE}: more than {100.0 * PACE_TOLERANCE:.0f} % off the target speed of {contest.pace:g} m/s; "
-        note += "less error at a lower speed is no win."
+        note += "a lower error counts only at the same speed or faster."
     return Table(f"{contest.title}, {robot}", [*header, "inputs"], lines, note)
 
 

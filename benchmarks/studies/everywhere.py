@@ -295,8 +295,8 @@ def sentences(kept: Kept, moving: bool) -> str:
         whole = kept.compared[law, moving, "", False]
         found.append(
             f"Over all conditions `{AGENT}` is beside `{law}` {_side(whole)}: {_points(whole)} points of success. "
-            f"It is worse in {lost}. It is better in {won}. By the interval alone, not after correction, it is behind "
-            f"in {behind} and ahead in {ahead}."
+            f"It is worse in {lost}. It is better in {won}. Before correction for the number of comparisons, it is "
+            f"behind in {behind} and ahead in {ahead}."
         )
     touched = {name: kept.share(kept.seeds, "collision", moving, name) for name in kept.conditions}
     over = [f"{name} ({share:.1f} %)" for name, share in touched.items() if share > 1.0]

@@ -4,7 +4,7 @@ All drive the same worlds, from the same starts, with the same scan and actuator
 robot arrives and nobody touches anything. Differences are paired by world, and the mean over the seeds of training; the
 interval, of 95 %, is over worlds, stratified by family, and over seeds. Extra time is compared in worlds that both
 solve. An outcome is better or worse, corrected for all comparisons of the page; equivalent, where the interval lies
-within MARGIN; ahead or behind, not after correction, where the interval alone says so; or a tie. What to take is
+within MARGIN; ahead or behind, not significantly, where the interval alone says so; or a tie. What to take is
 decided by `taken` alone, on the page and in docs/choosing.md. Rows are kept as CSV, and the page is made of them; what
 is there already is not driven again, so that the parts may be driven one by one. Rows of agents or laws that have
 changed since are to be taken away first:
@@ -369,9 +369,9 @@ class Less(NamedTuple):
 
 
 def leaning(found: str, low: float, high: float) -> str:
-    """Returns an outcome; of a tie that the interval alone decides, "ahead" or "behind, not after correction"."""
+    """Returns an outcome; of a tie that the interval alone decides, "ahead" or "behind, not significantly"."""
     if found == OPEN and (low > 0.0 or high < 0.0):
-        return f"{AHEAD if low > 0.0 else BEHIND}, not after correction"
+        return f"{AHEAD if low > 0.0 else BEHIND}, not significantly"
     return found
 
 
@@ -458,11 +458,12 @@ def seeds_of(rows: Iterable[Row], agent: str) -> int:
 def taken(first: str, other: str, found: Less, page: Sequence[float], seeds: int) -> str:
     """Returns which of two to take, by what the first solves more than the other.
 
-    Where they are equivalent or tie, or an agent has too few seeds for a claim, a controller goes before an
-    agent, of two of a kind the one that sees less, and of two that see the same the one that solved more.
+    Where that is not significant, or an agent has too few seeds for a claim, a controller goes before an agent, of two
+    of a kind the one that is ahead, else the one that sees less, and of two that see the same the one that solved more.
     """
     told = found.outcome(page).partition(", ")[0]
-    if seeds >= LEAST_SEEDS and told in (BETTER, AHEAD, WORSE, BEHIND):
+    alike = (first in AGENTS) == (other in AGENTS)
+    if seeds >= LEAST_SEEDS and (told in (BETTER, WORSE) or (alike and told in (AHEAD, BEHIND))):
         return first if told in (BETTER, AHEAD) else other
 
     def cost(name: str) -> tuple[bool, bool]:
@@ -489,7 +490,7 @@ class Compared(NamedTuple):
         take = taken(agent, law, self.found, page, self.seeds)
         if self.seeds < LEAST_SEEDS:
             told = f"{self.seeds} of the {LEAST_SEEDS} seeds that a claim needs"
-            return f"{agent} beside {law}, {shown}, with {told}: take {take}."
+            return f"{agent} vs. {law}, {shown}, with {told}: take {take}."
         told, _, how = self.found.outcome(page).partition(", ")
         words = {
             BETTER: f"{agent} solves more than {law}",
@@ -530,17 +531,17 @@ def team_tables(rows: Sequence[Row]) -> tuple[list[Compared], str]:
                 later = less(here, agent, law, "extra_time", "solved")
                 alike = f"{100.0 * found.alike:+.1f}"
                 line = [f"{kind}, {count}", str(found.worlds), *solved, found.shown, alike, *changes, later.shown]
-                beside.setdefault(f"{agent} beside {law}", []).append(line)
+                beside.setdefault(f"{agent} vs. {law}", []).append(line)
                 what = f"in {len(families)} of {len(TEAM_FAMILIES)} families" if kind == "all" else f"{kind} alone"
                 if kind == UP_TO:
                     what = f"in the {count} of them with {kind}"
                 told.append(Compared(agent, law, what, found, later, seeds))
     if beside:
         header = [
-            "families", "worlds", "solved: rival (%)", "agent (%)", "difference (points)", "mean of families",
-            "arrived (points)", "touched (points)", "extra time (s)",
+            "families", "scenes", "solved: rival (%)", "agent (%)", "difference (points)", "mean of families",
+            "arrived (points)", "collided (points)", "extra time (s)",
         ]  # fmt: skip
-        blocks += ["## Worlds solved", *(f"### {pair}\n\n{table(lines, header)}" for pair, lines in beside.items())]
+        blocks += ["## Scenes solved", *(f"### {pair}\n\n{table(lines, header)}" for pair, lines in beside.items())]
     names = list(dict.fromkeys(row["policy"].partition(" seed ")[0] for row in rows))
     names.sort(key=lambda name: name not in _ORCAS)
     families = [family for family in TEAM_FAMILIES if any(row["family"] == family for row in rows)]
@@ -594,10 +595,10 @@ def people_tables(rows: Sequence[Row]) -> tuple[list[Compared], str]:
             told.append(Compared("people_free", law, f"in {label}", found, later, seeds))
         if lines:
             header = [
-                "people_free less", "worlds", "success (points)", "extra time (s)", "within 0.45 m (points)",
+                "people_free less", "scenes", "success (points)", "extra time (s)", "within 0.45 m (points)",
                 "within 1.2 m (points)", "people slowed (m/s)",
             ]  # fmt: skip
-            blocks.append("All but the success in worlds that both solve.\n\n" + table(lines, header))
+            blocks.append("All but the success is compared in scenes that both solve.\n\n" + table(lines, header))
     return told, "\n\n".join(blocks)
 
 
@@ -680,9 +681,6 @@ def rival(rows: Sequence[Row], agents: Sequence[str], laws: Sequence[str], metri
 
 
 Part = tuple[str, Sequence[str], Sequence[str], str, Sequence[Row]]  # where, agents, laws, metric, rows
-ON_README = (  # of the parts those of equal inputs, and in the crowds of others
-    "in the open, lidar only", "at doors and in rooms, lidar only", "on CrowdNav's test cases", "in AttnGraph's crowd",
-)  # fmt: skip
 
 
 def front_parts(teams: Sequence[Row], people: Sequence[Row]) -> Iterator[Part]:
@@ -691,7 +689,7 @@ def front_parts(teams: Sequence[Row], people: Sequence[Row]) -> Iterator[Part]:
     agents = tuple(agent for agent in RIVALS if agent in LEAST_ACCESS)
     laws = [law for law in RIVALS["team_scan"] if law not in AGENTS]
     for where, kind in (("in the open", "open"), ("at doors and in rooms", "walls")):
-        for what, told in (("lidar only", False), ("beside laws that see bodies", True)):
+        for what, told in (("lidar only", False), ("vs. controllers that see bodies", True)):
             those = tuple(law for law in laws if (law not in LEAST_ACCESS) == told)
             yield f"{where}, {what}", agents, those, "solved", of_kind(small, kind)
     for where, contest in (
@@ -713,25 +711,23 @@ def front(teams: Sequence[Row], people: Sequence[Row]) -> str:
         later = less(here, name, law, "extra_time", metric)
         told = ", ".join(filter(None, (found.outcome(page_ps), later.pace(page_ps))))
         lines.append([where, *mine, *theirs, str(found.worlds), found.shown, told, later.shown])
-    of_each = ["it solves (%)", "with a collision (%)"]
+    of_each = ["solved (%)", "collided (%)"]
     header = [
-        "where", "best agent", *of_each, "best law", *of_each, "worlds", "difference (points)", "outcome of the agent",
-        "later, where both do (s)",
+        "where", "best agent", *of_each, "best controller", *of_each, "scenes", "difference (points)",
+        "outcome of the agent", "extra time (s)",
     ]  # fmt: skip
     filmed = [row for row in teams if row["family"] == FILMED.partition("/")[0]]
     out = {name: share(filmed, name, "arrived", 0) for name in ("team_guided", "orca_team", "vfh_plus")}
-    return f"""In short: the agent and the controller that solve most there, teams of up to {TESTED}. Better and worse,
-faster and slower are corrected for the {len(page_ps)} comparisons of this page, of successes and of times; equivalent
-is an interval within {100.0 * MARGIN:g} point. `people_free` here, and `team_guided` below, are trained agents on top
-of `orca_team`; `team_scan` and `ppo` drive by themselves. With a collision are worlds in which somebody touched
-something. `vfh_plus` and `dwa` have their default gains: no search was made for teams.
+    return f"""The agent and the controller that solve most scenes, in teams of up to {TESTED}. Outcomes are corrected
+for the {len(page_ps)} comparisons of this page, of successes and of times. `people_free` and `team_guided` drive on top
+of `orca_team`; `team_scan` and `ppo` drive by themselves.
 
 {table(lines, header)}
 
 ![32 robots leave a room by one door: team_guided, and orca_team from the same starts](../doorway.gif)
 
-Of {TESTED} at one door `team_guided` brings {out["team_guided"]} % out, `orca_team` {out["orca_team"]} %; `vfh_plus`,
-which is not filmed and has only its scan, {out["vfh_plus"]} %."""
+Of {TESTED} robots at one door, `team_guided` brings {out["team_guided"]} % out and `orca_team` {out["orca_team"]} %;
+`vfh_plus`, not in the film, {out["vfh_plus"]} % with a lidar only."""
 
 
 def of_kind(rows: Iterable[Row], kind: str) -> list[Row]:
@@ -796,31 +792,35 @@ def curve_table(rows: Sequence[Row]) -> str:
 # ---- the page
 
 
-PROSE = """# Agents among others, beside the laws that they are to beat
+PROSE = """# Teams and crowds: trained agents vs. controllers
 
-Made by `python benchmarks/studies/flocks.py`. Robots are omni3 with lagged actuators and a scan of 72 beams, asked for
-0.6 m/s, in CrowdNav's cases and AttnGraph's crowd for 1 m/s; who arrives leaves. Laws have their default gains, with
-which `orca_team` does not give way at doors, but for those called tuned. {tuning}
-Worlds are the first of each family in the split `claims`: {counts}.
-Those of a `circle_exact_*` are one circle, turned: one world is counted of each, and the sizes are one family to the
-intervals.
-A world is the unit: solved if all arrive and nobody touches anything. Shares and differences are means over worlds, so
-that a family counts by its worlds; `mean of families` is the difference where each counts alike, those of over
-{large} robots, of which fewer worlds are driven, and the circle too. Differences are paired by world, of all seeds of
-training together; brackets are 95 % intervals over worlds, by family, and over seeds, so that three seeds count as
-three. Better and worse are corrected for all comparisons of this page; "ahead" and "behind, not after correction" are
-what the interval alone would decide; two are equivalent whose interval lies within one point; all else is a tie. Taken
-is who is better or ahead; where that is neither, a controller before an agent, of two of a kind the one that sees less,
-and of two that see the same the one that solved more. In parentheses: the least and the greatest seed. Extra time, and
-what people are put through, are compared in worlds that both solve. `team_guided` and `people_free` do not drive by
-themselves: each adds to what `orca_team` asks for, with its default gains, and what `team_guided` drives by that is
-still kept clear by the half-planes of `orca_team`. `ppo` is the agent for one robot among obstacles,
-to which others are a part of the scan, of which {seeds} seeds drive here; `team_scan` began as that, and went on in
-teams. Agents learned in the families that they are driven in, of other scenarios; `people_free` drove more than half
-of its training on CrowdNav's circle.
+Made by `python benchmarks/studies/flocks.py`. How the policies were run:
 
-What it does not show: other robots, noise, laws of the scan tuned for teams or people; families that an entry
-did not drive are empty below.
+- **Robots** are omni3 with `lagged` actuators and a lidar of 72 beams. The target speed is 0.6 m/s, in CrowdNav's cases
+  and AttnGraph's crowd 1 m/s. A robot that arrives is taken out of the scene.
+- **Scenes** are the first of each family in the split `claims`: {counts}. All scenes of a `circle_exact_*` are one
+  circle, turned: they count as one scene, and these families as one family.
+- **Controllers** have their default gains, unless called `tuned`. With the default gains `orca_team` does not give way
+  at doors. {tuning}
+- **Agents** were trained in other scenes of the same families; `people_free` drove more than half of its training on
+  CrowdNav's circle. `team_guided` and `people_free` add to the command of `orca_team` with default gains; the collision
+  avoidance of `orca_team` is applied to what `team_guided` adds. `ppo` was trained alone among obstacles: other robots
+  are a part of its scan ({seeds} seeds were run). `team_scan` is `ppo`, trained further in teams.
+
+How to read the numbers:
+
+- A scene is **solved** if every robot arrives and none collides. Shares and differences are means over scenes. In
+  `mean of families` every family counts the same, however many of its scenes were run.
+- **Differences** are paired by scene. Brackets are 95 % intervals over scenes and training seeds. In parentheses are
+  the lowest and the highest training seed.
+- **Better** and **worse** are corrected for all comparisons of this page. **Ahead** and **behind, not significantly**
+  are not: only the uncorrected interval excludes 0. **Equivalent** is an interval within one point, a **tie** all
+  else.
+- **Take** names the better one. Without a significant difference it names a controller before an agent; of two
+  controllers or two agents, the one that is ahead, else the one with fewer inputs, else the one that solved more.
+- **Extra time**, and the effects on people, are compared in scenes that both solve.
+
+Not shown: other robots, noise, and controllers with a lidar tuned for crowds. An empty cell was not run.
 
 [All results](../results.md)
 """

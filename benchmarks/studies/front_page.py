@@ -94,6 +94,12 @@ _TASKS: tuple[tuple[str, str, str, str, str, str, Mapping[str, str]], ...] = (
 )  # fmt: skip
 
 
+CROWDS = {  # of the parts those of equal inputs, and in the crowds of others, as README calls them
+    "in the open, lidar only": "with teams in the open",
+    "at doors and in rooms, lidar only": "with teams at doors and in rooms",
+    "on CrowdNav's test cases": "on CrowdNav's test cases",
+    "in AttnGraph's crowd": "in AttnGraph's crowd",
+}
 TASKS = len(_TASKS) + 1
 _SECTIONS = ("path-following", "goal-obstacles-claims", "docking-claims")  # whose rows these are
 
@@ -107,7 +113,7 @@ def panels(kept: Kept) -> Iterator[Panel]:
             yield Panel(title, axis, unit, scenes, win, matches)
     if matches := tuple(_crowds(kept)):
         win = "{} solves more scenes than {} {where}"
-        yield Panel(f"Teams of up to {flocks.TESTED} and crowds", "scenes solved (%)", "%", "scenes", win, matches)
+        yield Panel("Teams and crowds", "scenes solved (%)", "%", "scenes", win, matches)
 
 
 def _match(board: Sequence[Row], lines: Sequence[Row], kind: str, where: str, unit: str) -> Match | None:
@@ -125,7 +131,7 @@ def _match(board: Sequence[Row], lines: Sequence[Row], kind: str, where: str, un
     cost = next(name for name in agent if name.endswith(("error (mm)", "time (s)")))
     column = SUCCESS if unit == "%" else cost
     names = (
-        f"`{controller['policy']}` ({_GAINS.get(controller['gains'], controller['gains'])})",
+        _controller(controller["policy"], controller["gains"]),
         _agent(agent["policy"], "" if agent["gains"] == "trained" else "one seed"),
     )
     bars = [Bar(each, *_numbers(row[column])) for each, row in zip(names, (controller, agent), strict=True)]
@@ -146,7 +152,9 @@ def _match(board: Sequence[Row], lines: Sequence[Row], kind: str, where: str, un
     return dataclasses.replace(here, speeds=speeds if apart else None)
 
 
-_GAINS = {"default": "default gains"}
+def _controller(policy: str, gains: str) -> str:
+    """Returns how a sentence calls a controller: default gains, the rule, go without saying."""
+    return f"`{policy}`" + ("" if gains == "default" else f" ({gains})")
 
 
 def _agent(policy: str, seeds: str) -> str:
@@ -183,7 +191,7 @@ def _crowds(kept: Kept) -> Iterator[Match]:
         return
     of_page = flocks.of_page(teams, people)
     for where, agents, laws, metric, rows in flocks.front_parts(teams, people):
-        if where not in flocks.ON_README:
+        if where not in CROWDS:
             continue
         agent, law, here = flocks.rival(rows, agents, laws, metric)
         less, later = (flocks.less(here, agent, law, *of) for of in ((metric,), ("extra_time", metric)))
@@ -191,11 +199,13 @@ def _crowds(kept: Kept) -> Iterator[Match]:
         outcome, faster = {BETTER: WORSE, WORSE: BETTER, AHEAD: BEHIND, BEHIND: AHEAD}.get(told, told), ""
         if outcome in (OPEN, EQUIVALENT) and (pace := later.pace(of_page)):
             outcome, faster = WORSE if pace == "faster" else BETTER, f"{abs(later.value):.1f} s sooner"
-        gains = "tuned" if law.endswith(flocks.TUNED) else _GAINS["default"]
-        names = f"`{law.removesuffix(flocks.TUNED)}` ({gains})", _agent(agent, _seeds(here, agent))
+        gains = "tuned" if law.endswith(flocks.TUNED) else "default"
+        names = _controller(law.removesuffix(flocks.TUNED), gains), _agent(agent, _seeds(here, agent))
         bars = [Bar(name, *_share(here, of, metric)) for name, of in zip(names, (law, agent), strict=True)]
         collided = tuple(_numbers(flocks.collisions(here, each).partition(" ")[0])[0] for each in (law, agent))
-        yield Match(where, bars[0], bars[1], less.worlds, outcome, faster=faster, collided=(collided[0], collided[1]))
+        yield Match(
+            CROWDS[where], bars[0], bars[1], less.worlds, outcome, faster=faster, collided=(collided[0], collided[1])
+        )
 
 
 def _rows(kept: Kept, name: str) -> list[Row]:
@@ -220,16 +230,29 @@ def _share(rows: Sequence[Row], name: str, metric: str) -> tuple[float, float, f
 
 def sentences(found: Sequence[Panel]) -> list[str]:
     """Returns a sentence a task: who wins, by how much, in how many scenes."""
-    return [f"- **{each.title}**: {'; '.join(_clause(each, match) for match in each.matches)}." for each in found]
+    told = []
+    for panel in found:
+        clauses: list[str] = []
+        before = ""
+        for match in panel.matches:
+            words, place, numbers = _clause(panel, match)
+            # the same outcome of the same two in the next kind of scenes is not spelled again
+            clauses.append(
+                f"{'and ' if words == before else ''}{place if words == before else words.format(place)} ({numbers})"
+            )
+            before = words
+        told.append(f"- **{panel.title}**: {'; '.join(clauses).replace('; and ', ', and ')}.")
+    return told
 
 
-def _clause(panel: Panel, match: Match) -> str:
+def _clause(panel: Panel, match: Match) -> tuple[str, str, str]:
+    """Returns the words of an outcome, with a place for the kind of scenes, these, and the numbers."""
     a, b = match.controller, match.agent
     turned = -1 if match.outcome in (WORSE, BEHIND) else 1  # the better one is named first
     names, values, speeds = (a.name, b.name)[::turned], (match.shares or (a.value, b.value))[::turned], match.speeds
     unit, win = (panel.unit, panel.win) if match.shares is None else ("%", "{} succeeds more often than {} {place}")
     if match.faster:
-        win = "{} is faster than {} {place} at a tie in success"
+        win = "{} is faster than {} {place}"
     digits, of = (1, "success rate") if unit == "%" else (2, "error")
     numbers = f"{values[0]:.{digits}f} vs. {values[1]:.{digits}f} {unit}"
     # elsewhere what is missing to 100 % are collisions, as README says above
@@ -239,7 +262,9 @@ def _clause(panel: Panel, match: Match) -> str:
     ):
         numbers += ", collisions {:.1f} vs. {:.1f} %".format(*match.collided[::turned])
     numbers += f", {match.scenes:,} {panel.scenes}"
-    numbers = "; ".join(filter(None, (match.faster, numbers, match.ppo and f"PPO: {match.ppo} %")))
+    if match.faster:  # elsewhere the numbers are those of the verdict
+        numbers = f"{match.faster}; tie in success: {numbers}"
+    numbers = "; ".join(filter(None, (numbers, match.ppo and f"PPO: {match.ppo} %")))
     if speeds:
         numbers += ", at {:.2f} vs. {:.2f} m/s".format(*speeds[::turned])
     words = {
@@ -247,8 +272,8 @@ def _clause(panel: Panel, match: Match) -> str:
         OPEN: "{} and {} tie {place}",
         **dict.fromkeys((AHEAD, BEHIND), "{} is ahead of {} {place}, but not significantly"),
     }.get(match.outcome, win)
-    place = match.where if match.where.startswith(("among ", "in ", "at ", "on ")) else f"on {match.where}"
-    return f"{words.format(*names, where=match.where, place=place)} ({numbers})"
+    place = f"on {match.where}" if "{where}" not in words and panel.unit == "mm" else match.where
+    return words.format(*names, where="{}", place="{}"), place, numbers
 
 
 def readme(kept: Kept) -> dict[str, bytes]:
@@ -268,14 +293,16 @@ def _count(found: Sequence[Panel]) -> str:
     """Returns how many kinds of scenes each camp wins, and where agents do."""
     matches = [match for panel in found for match in panel.matches]
     lost = [
-        f"{each.title.lower()}, {match.where}" for each in found for match in each.matches if match.outcome == WORSE
+        match.where.removeprefix("with ") if match.where in CROWDS.values() else f"{each.title.lower()}, {match.where}"
+        for each in found
+        for match in each.matches
+        if match.outcome == WORSE
     ]
     won = sum(match.outcome == BETTER for match in matches)
     where = f" ({'; '.join(lost)})" if lost else ""
     return (
         f"Of {len(matches)} kinds of scenes, controllers win {won}, agents win {len(lost)}{where}, and "
-        f"{len(matches) - won - len(lost)} are ties: equivalent, or not significant after correction for multiple "
-        "comparisons."
+        f"{len(matches) - won - len(lost)} are ties: equivalent, or no significant difference."
     )
 
 
@@ -286,7 +313,7 @@ def figure(found: Sequence[Panel]) -> bytes:
         for axes, panel in zip(drawn.subplots(2, 2).flat, found, strict=False):
             _draw(axes, panel)
         keys = [
-            Patch(color=CONTROLLER, label="best controller of equal access"),
+            Patch(color=CONTROLLER, label="best controller with the same inputs"),
             Patch(color=AGENT, label="best trained agent"),
         ]
         drawn.legend(handles=keys, loc="lower center", ncols=2, fontsize=16)
@@ -321,7 +348,7 @@ def _draw(axes: Any, panel: Panel) -> None:
 
 
 def _wrapped(match: Match) -> str:
-    words = match.where.split()
+    words = match.where.removeprefix("with ").split()
     half = (len(words) + 1) // 2
     return "\n".join((" ".join(words[:half]), " ".join(words[half:]), f"n = {match.scenes:,}"))
 

@@ -602,19 +602,18 @@ def _has_map(row: Mapping[str, str]) -> bool:
 def controller_first(sets: Sequence[Row], lines: Sequence[Row]) -> Sequence[Row]:
     """Returns rows of policies, the best first: before an agent its best controller, where the agent is not ahead.
 
-    As `taken` of flocks has it: equivalent or a tie is no reason to take a network.
+    As `taken` of flocks has it: what is not significant is no reason to take a network.
     """
     law = next((row for row in sets if row["policy"] not in LEARNED), None)
     if law is None or sets[0] is law:
         return sets
     found = verdict_of(lines, law["scenes"], entry_of(sets[0]), entry_of(law))
-    ahead = found is None or found[0].outcome == BETTER or found[0].words.startswith("more successes")
-    return sets if ahead else [law, *(row for row in sets if row is not law)]
+    return sets if found is None or found[0].outcome == BETTER else [law, *(row for row in sets if row is not law)]
 
 
 def advised(kept: Kept) -> list[tuple[str, str, str, Mapping[str, str], str]]:
     """Returns what to take: the task, the kind of scenes, the access, the row that is best there, and its lead."""
-    found = []
+    found: list[tuple[str, str, str, Row, str]] = []
     for task, _, stem, kinds in TASKS:
         board, lines = kept.rows(f"{stem}_board"), kept.rows(f"{stem}_pairs")
         for kind in kinds if board else ():
@@ -622,10 +621,15 @@ def advised(kept: Kept) -> list[tuple[str, str, str, Mapping[str, str], str]]:
             accesses = {row["inputs"] for row in mine}
             groups = (NO_MAP, ONLY_MAP) if ONLY_MAP in accesses else tuple(sorted(accesses))
             for access in groups:
+                # who has the map, or the whole path, may also drive by less
                 able = [
-                    row for row in mine if access == row["inputs"] or (access == NO_MAP and row["inputs"] != ONLY_MAP)
+                    row
+                    for row in mine
+                    if access in (row["inputs"], ONLY_MAP, "path") or (access == NO_MAP and row["inputs"] != ONLY_MAP)
                 ]
                 sets = controller_first(best_sets(able, at_pace(board, lines)), lines)
+                if found and found[-1][:2] == (task, kind) and found[-1][3] is sets[0]:
+                    continue  # the map brings nothing
                 alone = len(sets) < 2
                 others = [row for row in mine if row["policy"] != sets[0]["policy"]] if alone else sets[1:]
                 other = best_sets(others, at_pace(board, lines))[0]  # who may have other inputs
@@ -633,7 +637,15 @@ def advised(kept: Kept) -> list[tuple[str, str, str, Mapping[str, str], str]]:
                 lead = _lead(verdict, _named(entry_of(other))) if verdict else ""
                 if not lead and not alone:
                     lead = f"{_named(entry_of(other))}: {_result(other)}; difference not tested"
-                found.append((task, kind, access, sets[0], "; ".join(["no rival"] * alone + [lead] * bool(lead))))
+                found.append(
+                    (
+                        task,
+                        kind,
+                        access,
+                        sets[0],
+                        "; ".join(["no other has these inputs"] * alone + [lead] * bool(lead)),
+                    )
+                )
     return found
 
 
@@ -680,13 +692,13 @@ def disagreements(kept: Kept, advice: str) -> list[str]:
 
 def versus(words: str, name: str) -> str:
     """Returns a verdict's words as a phrase that names the other entry."""
-    before, _, told = words.rpartition("; ")
-    outcome = next((each for each in _VERSUS if told.startswith(each)), told)
-    phrase = f"{outcome} {_VERSUS.get(outcome, 'than')} {name}{told.removeprefix(outcome)}"
-    return f"{before}; {phrase}" if before else phrase
+    first, *rest = words.split("; ")
+    outcome = next((each for each in _VERSUS if first.startswith(each)), first)
+    phrase = f"{outcome} {_VERSUS.get(outcome, 'than')}".rstrip()
+    return "; ".join([f"{phrase} {name}{first.removeprefix(outcome)}", *rest])
 
 
-_VERSUS = {"equivalent": "to", "tie": "with", "ahead": "of"} | dict.fromkeys(
+_VERSUS = {"equivalent": "to", "tie": "with", "ahead": "of", "behind": ""} | dict.fromkeys(
     ("more successes", "fewer successes", "faster", "slower", "lower error", "higher error", "better", "worse"), "than"
 )
 
@@ -704,7 +716,8 @@ def _lead(found: tuple[Verdict, Mapping[str, str], bool], name: str) -> str:
     numbers = [-float(each) if turned else float(each) for each in (value, low, high)]
     ends = sorted(numbers[1:])
     unit = "points" if on_success else line["unit"]
-    return f"{words}: {numbers[0]:+.1f} [{ends[0]:+.1f}, {ends[1]:+.1f}] {unit}"
+    digits = 1 if ends[1] - ends[0] > 0.1 else 2
+    return f"{words}: {numbers[0]:+.{digits}f} [{ends[0]:+.{digits}f}, {ends[1]:+.{digits}f}] {unit}"
 
 
 def _advice(kept: Kept) -> list[str]:
@@ -748,9 +761,9 @@ def _off_speed() -> Iterator[str]:
         for fast, slow in zip(found["0.6"], found["0.3"], strict=True)
     ]
     yield (
-        "\nThe agents `ppo` for goals were trained at 0.6 m/s. At a target speed of 0.3 m/s they reach fewer goals in "
-        f"validation scenarios: {', '.join(parts)}. [This study](results/everywhere.md) compares them with controllers "
-        "at that speed. [Their cards](results/cards.md) have other speeds, scans and actuators."
+        "\nThe `ppo` agents for goal reaching were trained at 0.6 m/s. At a target speed of 0.3 m/s they reach fewer "
+        f"goals in validation scenarios: {', '.join(parts)}. [This study](results/everywhere.md) compares them with "
+        "controllers at that speed. [Their cards](results/cards.md) have results with other speeds, scans, actuators."
     )
 
 

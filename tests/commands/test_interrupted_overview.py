@@ -36,7 +36,7 @@ def test_an_interrupted_overview_shows_what_is_done_and_goes_on(tmp_path: Path) 
     # both tables hold lines of what has been driven
     assert "So far:" in out
     assert "kinematic" in out[out.index("So far:") :]  # of the documents
-    assert "settles it" in out
+    assert "for a reliable comparison run" in out
     last = err.splitlines()[-1]
     assert last.startswith("evaluate: interrupted; ") or last.startswith("wayfield evaluate: interrupted; ")
     assert last.endswith("the same command goes on there")

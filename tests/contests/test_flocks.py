@@ -35,9 +35,9 @@ def test_alike_is_what_is_shown_to_be_and_not_what_is_not_told_apart(
 
 def test_what_only_the_uncorrected_interval_says_is_no_tie_and_not_shown() -> None:
     found = flocks.Less(0.02, 0.004, 0.036, 0.02, 500, True)
-    assert [found.outcome([]), found.outcome([0.5] * 40)] == ["better", "ahead, not after correction"]
+    assert [found.outcome([]), found.outcome([0.5] * 40)] == ["better", "ahead, not significantly"]
     fewer = flocks.Less(-0.036, -0.05, -0.02, 0.02, 500, True)
-    assert fewer.outcome([0.5] * 40) == "behind, not after correction"
+    assert fewer.outcome([0.5] * 40) == "behind, not significantly"
 
 
 def test_the_rival_is_the_law_that_solves_most_and_of_such_the_quickest() -> None:

@@ -175,8 +175,8 @@ def test_the_losing_agents_are_told(repository: Path) -> None:
     assert run_publish(repository, "--no-run").exit_code == 0
     readme = (repository / "README.md").read_text(encoding="utf-8")
     # the losing agent stands beside the winner, with both numbers, in each kind of scenes
-    assert "`mpc` (tuned) tracks smooth paths more closely than PPO (11.90 vs. 26.90 mm, 8 paths)" in readme
-    assert "`mpc` (tuned) tracks paths with corners more closely than PPO (12.70 vs. 34.90 mm, 8 paths)" in readme
+    both = "(11.90 vs. 26.90 mm, 8 paths), and paths with corners (12.70 vs. 34.90 mm, 8 paths)"
+    assert f"`mpc` (tuned) tracks smooth paths more closely than PPO {both}" in readme
     page = (repository / sections.KEPT / "path-following.md").read_text(encoding="utf-8")
     lines = [
         each for each in page.splitlines() if (each.startswith("| mpc (tuned)") and "p 0" in each) or "p <" in each
@@ -185,9 +185,9 @@ def test_the_losing_agents_are_told(repository: Path) -> None:
     assert all(" in success; higher error" in line for line in lines)
 
 
-STEMS = {"among moving obstacles": "claims/docking_p3dx", "on paths with corners": "path_following_p3dx"}
+STEMS = {"among moving obstacles": "claims/docking_p3dx", "on smooth paths": "path_following_p3dx"}
 WORDS = {"more": "succeeds more often than", "ahead": "is ahead of", "same": "are equivalent in success rate"}
-WORDS |= {"open": "tie", "error": "tracks paths with corners more closely than"}
+WORDS |= {"open": "tie", "error": "tracks smooth paths more closely than"}
 
 
 @pytest.mark.parametrize(
@@ -196,7 +196,7 @@ WORDS |= {"open": "tie", "error": "tracks paths with corners more closely than"}
         *((where, points, 1e-12, wins, "more") for where in STEMS for points, wins in ((-9, 0), (9, 1))),
         *((where, 9, 0.04, 1, "ahead") for where in STEMS),  # significant before correction
         ("among moving obstacles", -9, 0.04, 0, "ahead"),
-        ("on paths with corners", -9, 0.04, 0, "error"),  # errors say the same, and are significant
+        ("on smooth paths", -9, 0.04, 0, "error"),  # errors say the same, and are significant
         ("among moving obstacles", 0, 1.0, 0, "same"),
         ("among moving obstacles", -5, 1.0, 0, "open"),
     ],
@@ -220,7 +220,7 @@ def test_readme_says_of_a_pair_what_success_says_of_it_before_and_after_correcti
     writer.writeheader()
     writer.writerows(lines)
     kept.changed[f"{sections.KEPT}/{name}.csv"] = text.getvalue().encode()
-    named = "`ilqr` (hand-tuned)" if "paths" in where else "`reeds_shepp_scan` (default gains)"
+    named = "`ilqr` (hand-tuned)" if "paths" in where else "`reeds_shepp_scan`"
     names = [named, "PPO"][:: -1 if wins else 1]
     joint = " and " if told in ("same", "open") else f" {WORDS[told]} "
     wanted = joint.join(names) + (f" {WORDS[told]}" if joint == " and " else "")

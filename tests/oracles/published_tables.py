@@ -309,13 +309,13 @@ def _check_fronts(cells: Cells, store: Kept, task: Task, said: Mapping[tuple[str
         for row in re.findall(rf"^\| {where} +\|.*\|$", store.text(CHOOSING), re.MULTILINE):
             _, _, best, _, lead = (cell.strip() for cell in row.strip("|").split("|"))
             cells.count += 1
-            told = re.fullmatch(rf"(?:no rival; )?(.*?) (?:than|to|with) (`\w+`(?: \((?:{_GAINS})\))?)(.*): .*", lead)
+            told = re.fullmatch(rf"{_ALONE}(.*?) (?:than|to|with) (`\w+`(?: \((?:{_GAINS})\))?)(.*): .*", lead)
             words = said.get((kind, _label(best), _label(told[2]))) if told else None
             if told and words != told[1] + told[3]:
                 cells.note(f"{CHOOSING}, {where}: {best} beside {told[2]} is {words!r}, there {lead!r}")
 
 
-_GAINS = "tuned|hand-tuned|paper"
+_GAINS, _ALONE = "tuned|hand-tuned|paper", "(?:no other has these inputs; )?"
 # Where the advice sends: by the first word of a task, and the kind of scenes.
 _PLACES: Mapping[str, Mapping[str, str]] = {
     "Follow": {"smooth paths": "Follow a smooth path", "paths with corners": "Follow a path with corners"},
