@@ -30,6 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import wayfield
+from wayfield.benchmarks.entrants import value_networks
 from wayfield.benchmarks.records.run_folder import file_digest
 from wayfield.envs import goal_reaching, path_following
 from wayfield.envs.tasks.briefing import KNOWS, Briefing
@@ -103,6 +104,21 @@ class OwnClass:
         """Returns how many gains it has if it is a dataclass, and nothing of what they were learned from."""
         made = self._made(self.gains)
         return str(len(dataclasses.fields(made))) if dataclasses.is_dataclass(made) else "", ""
+
+
+@dataclasses.dataclass(frozen=True)
+class OwnNetwork(OwnClass):
+    """A value network of a file: `value_networks`."""
+
+    @property
+    def name(self) -> str:
+        """Returns the name of the file."""
+        return Path(self.gains["file"]).name
+
+    @property
+    def gains_name(self) -> str:
+        """Returns "own", with the gains that were given."""
+        return _own_gains({name: value for name, value in self.gains.items() if name != "file"})
 
 
 @dataclasses.dataclass(frozen=True)
@@ -189,7 +205,8 @@ class OwnObject:
 def own_policy(text: str) -> OwnClass | OwnModel:
     """Returns what a text names: "module:Class", with gains as key=value behind it, or "model.zip", "ppo:model.zip".
 
-    A model is not loaded yet; a UserWarning says what loading it means.
+    A file of weights (`value_networks.SUFFIXES`) is a value network of the CrowdNav family, its gains behind it. A
+    model is not loaded yet; a UserWarning says what loading it means.
 
     Raises:
         ValueError: if it names no such thing; the message quotes it and says what would be right.
@@ -202,6 +219,12 @@ def own_policy(text: str) -> OwnClass | OwnModel:
         warnings.warn(f"{model.name} is loaded with pickle, which can run any code: give models only that you trust",
                       UserWarning, stacklevel=2)  # fmt: skip
         return model
+    if source.lower().endswith(value_networks.SUFFIXES):
+        network = OwnNetwork(
+            value_networks.__name__, "ValueNetwork", {"file": os.path.abspath(source), **gains}, _weights(source)
+        )
+        network.make(network.gains)
+        return network
     module, colon, attribute = source.partition(":")
     if module.endswith(".py") or "/" in module or os.sep in module:
         stem = Path(module).stem
@@ -209,11 +232,21 @@ def own_policy(text: str) -> OwnClass | OwnModel:
             f"{source!r} is a file; name its module, found from this folder: {stem}:{attribute or 'Class'}"
         )
     if not colon or not all(each.isidentifier() for each in (*module.split("."), attribute)):
-        raise ValueError(f"{source!r} must be module:Class, such as my_module:MyPolicy, or a model.zip")
+        raise ValueError(
+            f"{source!r} must be module:Class, such as my_module:MyPolicy, a model.zip or weights.safetensors"
+        )
     file = imported(module).__file__
     entrant = OwnClass(module, attribute, gains, file_digest(Path(file)) if file else "")
     entrant.make(gains)
     return entrant
+
+
+def _weights(file: str) -> str:
+    """Returns the digest of a file of weights; ValueError if it cannot be read."""
+    try:
+        return file_digest(Path(file))
+    except OSError as error:
+        raise ValueError(f"{file!r} cannot be read: {unread(file, error)}") from None
 
 
 def source_and_gains(text: str) -> tuple[str, dict[str, Any]]:
