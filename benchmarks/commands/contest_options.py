@@ -88,6 +88,8 @@ BELONGS: Mapping[str, tuple[str, tuple[str, ...], str]] = {
     "cross": ("--cross", ("contest",), "--suite teams"),
     "people": ("--people", ("contest",), "--suite people"),
     "claim": ("--claim", (PAPERS,), f"--suite {PAPERS}"),
+    "train": ("--train", (PAPERS,), f"--suite {PAPERS}"),
+    "steps": ("--steps", (PAPERS,), f"--suite {PAPERS} with --train"),
 }
 # What does not make an overview the run of a suite: options that all take, and what follows from others.
 _ALWAYS = ("suite", "policies", "seed", "out", "quick", "full", "count", "contests", "entering", "courses", "command")
@@ -121,6 +123,8 @@ class Options:
     keep: str | None = None  # of KEPT
     cross: bool = False  # also teams of two policies each, half and half
     claim: str | None = None  # of a paper
+    train: bool = False  # its agents anew
+    steps: int | None = None  # of that training, a seed; None: as it is done
     people: tuple[str, ...] | None = None  # laws of pedestrians; None: those of the scenario
     count: int | None = None  # processes
     # what follows from them, where a contest is run
@@ -225,7 +229,11 @@ class Options:
         if self.kind == PAPERS:
             for name in ("policies", "dynamics", "actuators", "full"):
                 if getattr(self, name):
-                    raise WrongOption(f"{name} is said by the claim itself; --suite papers takes --episodes and --out")
+                    raise WrongOption(
+                        f"{name} is said by the claim itself; --suite papers takes --episodes, --train, --steps, --out"
+                    )
+            if self.steps and not self.train:
+                raise WrongOption("steps is of a training: add --train")
         for name, suite in (("cross", "teams"), ("people", "people")):
             if getattr(self, name) and self.wanted != suite:
                 raise WrongOption(f"{name} belongs to --suite {suite}")

@@ -5,6 +5,7 @@ import dataclasses
 import importlib.util
 import os
 import signal
+import subprocess
 import sys
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -60,7 +61,7 @@ from wayfield.benchmarks.entrants.public_suites import PUBLIC, racetrack_courses
 from wayfield.benchmarks.leaderboards.document_tables import document_tables, ranked, reproduced
 from wayfield.benchmarks.leaderboards.terminal import MOST_LINES, print_short
 from wayfield.benchmarks.papers import CLAIMS
-from wayfield.benchmarks.papers.claim import drive, of_rows, told, written
+from wayfield.benchmarks.papers.claim import drive, of_rows, told, train, written
 from wayfield.benchmarks.records.cases import Case
 from wayfield.benchmarks.records.episode import Episodes
 from wayfield.benchmarks.records.replays import drive_of, write_drives
@@ -152,8 +153,8 @@ class _Policies(Names):
     "own",
     multiple=True,
     metavar="SOURCE",
-    help="Add your own policy to a contest: module:Class, with gains as key=value in the same word, or a model.zip of "
-    "stable-baselines3 (loading it can run code); may be repeated.",
+    help="Add your own policy to a contest: module:Class, with gains as key=value in the same word, a model.zip of "
+    "stable-baselines3 (loading it can run code), or among people the weights of a CrowdNav network; may be repeated.",
 )
 @click.option("--families", type=Names("--families", FAMILIES), help="Only these families of scenarios, in contests.")
 @click.option(
@@ -165,6 +166,8 @@ class _Policies(Names):
 @click.option(
     "--claim", type=Choice("--claim", CLAIMS), help="Papers: the claim that is run again; see docs/claims.md."
 )
+@click.option("--train", is_flag=True, help="Papers: train the claim's agents anew, and run it with them.")
+@click.option("--steps", type=click.IntRange(min=1), help="Papers: training steps of a seed with --train.")
 @click.option("--cross", is_flag=True, help="Teams: also all pairs of policies in one scene, half and half.")
 @click.option(
     "--people",
@@ -419,9 +422,19 @@ def run_papers(options: Options) -> None:
     claim = CLAIMS[options.claim]
     if claim.published:
         raise click.UsageError(f"--claim {claim.name} is driven by a study of a clone: {claim.published}")
-    folder = options.folder(PAPERS, {"claim": claim.name, "episodes": options.episodes})
+    if options.train and claim.training is None:
+        raise click.UsageError(f"--train: claim {claim.name} has no agent that was trained")
+    differing = {"claim": claim.name, "episodes": options.episodes, "train": options.train or None}
+    folder = options.folder(PAPERS, {**differing, "steps": options.steps})
     with _ended_by_signals():
-        rows = list(drive(claim, options.episodes or 0))
+        home = folder / "agents" if options.train else None
+        if home is not None:
+            _need("torch", "train")
+            try:
+                train(claim, home, options.steps)
+            except subprocess.CalledProcessError as error:
+                raise click.ClickException("the training failed, as said above") from error
+        rows = list(drive(claim, options.episodes or 0, home))
     folder.mkdir(parents=True, exist_ok=True)
     write_whole(folder / f"{claim.name}.csv", written(rows))
     found, sides, strata = of_rows(claim, rows)

@@ -4,11 +4,17 @@ A claim says that one policy does better than a rival. The rival is driven as th
 were searched (b). All meet the same scenes, and the verdict follows from paired differences by one rule for all claims.
 """
 
+import contextlib
 import csv
 import dataclasses
+import importlib
 import io
 import math
+import shlex
+import subprocess
+import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -19,6 +25,7 @@ from wayfield.benchmarks.contests.contest import HAND_TUNED, Contest
 from wayfield.benchmarks.entrants.own_policies import own_policy
 from wayfield.benchmarks.runs.suite import Setting, episodes
 from wayfield.benchmarks.statistics.paired import SIGNIFICANT, Difference, difference
+from wayfield.policies.trained.ppo import in_place_of
 
 Array = NDArray[np.float64]
 Measure = Literal["success", "time", "error"]
@@ -55,6 +62,21 @@ class Side:
 
 
 @dataclasses.dataclass(frozen=True)
+class Training:
+    """What trains the agents of a claim anew: a preset of `wayfield train`, or a function of the claim's own.
+
+    The function takes a folder, the training seeds, and the steps of each or None; what it writes there is read by the
+    class that drives, which takes the folder as `home`.
+    """
+
+    preset: str = ""
+    env_id: str = ""
+    ships: str = ""  # the folder of the agents that ship by it
+    function: str = ""  # "module:function"
+    seeds: int = 3
+
+
+@dataclasses.dataclass(frozen=True)
 class Gate:
     """The printed number that the untuned rival has to come within the margin of before anything is judged."""
 
@@ -82,6 +104,7 @@ class Claim:
     untuned: Side | None  # (a); None: the source names no gains
     tuned: Side | None  # (b); None: no search was made yet
     also: Side | None = None  # (c), a part of the agent that it has to beat too
+    training: Training | None = None  # None: nothing in it was trained
     gate: Gate | None = None  # None: the source prints nothing that it could be compared with
     split: str = "claims"
     scenes: int = 25  # of each family
@@ -114,8 +137,31 @@ class Driven:
         return float(self.cost[won].mean()) if won.any() else math.nan
 
 
-def settings(claim: Claim, side: Side, scenes: int) -> Iterator[tuple[str, Setting]]:
-    """Yields the training seed ("" of controllers) and the setting of each part of a side."""
+def train(claim: Claim, home: Path, steps: int | None = None) -> None:
+    """Trains the agents of a claim anew, into a folder; runs that were interrupted there go on.
+
+    Args:
+        steps: of each seed, in place of those that the training says.
+
+    Raises:
+        ValueError: if nothing in the claim was trained.
+        subprocess.CalledProcessError: if a training fails, which has said why.
+    """
+    training = claim.training
+    if training is None:
+        raise ValueError(f"claim {claim.name!r} has no agent that was trained")
+    if training.function:
+        module, _, function = training.function.partition(":")
+        getattr(importlib.import_module(module), function)(home, range(training.seeds), steps)
+        return
+    given = ["--preset", training.preset, "--seeds", str(training.seeds), "--out", str(home)]
+    given += ["--steps", str(steps)] if steps else []
+    given += ["--resume"] if home.is_dir() and any(home.iterdir()) else []
+    subprocess.run([sys.executable, "-m", "wayfield.command", "train", training.env_id, *given], check=True)
+
+
+def settings(claim: Claim, side: Side, scenes: int, home: Path | None = None) -> Iterator[tuple[str, Setting]]:
+    """Yields the training seed ("" of controllers) and the setting of each part of a side; `home` as `drive` has it."""
     contest: Contest = ALL_CONTESTS[claim.contest]
     if claim.course is not None:
         courses = [dataclasses.replace(claim.course, members=claim.course.members[:scenes])]
@@ -123,7 +169,9 @@ def settings(claim: Claim, side: Side, scenes: int) -> Iterator[tuple[str, Setti
         courses = [Course(family, claim.split) for family in claim.families]
     own = ":" in side.policy
     if own:
-        texts = [f"{side.policy} seed={seed}" for seed in side.seeds] or [side.policy]
+        anew = home is not None and claim.training is not None and claim.training.function
+        beside = f" home={shlex.quote(str(home))}" if anew else ""
+        texts = [f"{side.policy} seed={seed}{beside}" for seed in side.seeds] or [side.policy]
         entrants = Entrants((), own=tuple(map(own_policy, texts)))
     else:
         entrants = Entrants((side.policy,), ("tuned" if side.gains == HAND_TUNED["tuned"] else side.gains,))
@@ -134,18 +182,23 @@ def settings(claim: Claim, side: Side, scenes: int) -> Iterator[tuple[str, Setti
                 yield seed, Setting(contest.name, case, "kinematic", "lagged", 0, scenes, members=course.members)
 
 
-def drive(claim: Claim, scenes: int = 0) -> Iterator[dict[str, str]]:
+def drive(claim: Claim, scenes: int = 0, home: Path | None = None) -> Iterator[dict[str, str]]:
     """Yields a row of COLUMNS for each episode.
 
     Args:
         scenes: of each family; 0: as the claim says.
+        home: a folder of agents that `train` has trained, which drive in place of those that ship.
     """
     metric = ALL_CONTESTS[claim.contest].cost.metric if claim.measure == "error" else "time"
-    for name, side in claim.sides.items():
-        for seed, setting in settings(claim, side, scenes or claim.scenes):
-            for i, (row, _) in enumerate(episodes(setting)):
-                cells = (claim.name, name, seed, row["family"], str(i), f"{int(row['success'])}", f"{row[metric]:.6g}")
-                yield dict(zip(COLUMNS, cells, strict=True))
+    with contextlib.ExitStack() as stack:
+        if home is not None and claim.training is not None and claim.training.ships:
+            stack.enter_context(in_place_of(claim.training.ships, home))
+        for name, side in claim.sides.items():
+            for seed, setting in settings(claim, side, scenes or claim.scenes, home):
+                for i, (row, _) in enumerate(episodes(setting)):
+                    cost, won = f"{row[metric]:.6g}", f"{int(row['success'])}"
+                    cells = (claim.name, name, seed, row["family"], str(i), won, cost)
+                    yield dict(zip(COLUMNS, cells, strict=True))
 
 
 def gathered(rows: Iterable[Mapping[str, str]]) -> tuple[dict[str, Driven], list[str]]:

@@ -2,7 +2,7 @@
 
 from wayfield.benchmarks.contests import PUBLIC_SPLIT, Course
 from wayfield.benchmarks.contests.crowds import CASES, CLOCK
-from wayfield.benchmarks.papers.claim import Claim, Gate, Printed, Side
+from wayfield.benchmarks.papers.claim import Claim, Gate, Printed, Side, Training
 
 CLAIM = Claim(
     name="crowdnav",
@@ -24,9 +24,10 @@ CLAIM = Claim(
     families=("crowdnav",),
     robot="omni3",
     measure="success",
-    agent=Side("`people_free`, three seeds", "people_free", "trained", "12 M steps a seed"),
+    agent=Side("`people_free`, three seeds", "people_free", "trained", "preset people, 12 M steps a seed"),
     untuned=Side("`orca_team`, default gains", "orca_team", "default"),
     tuned=Side("`orca_team`, searched on CrowdNav's training cases", "orca_team", "tuned", "2.0 M steps of search"),
+    training=Training("people", "wayfield/OmniPeople-v0", "people_free_omni3"),
     gate=Gate(0.43, "RVO2 in CrowdNav's own rules, which a test drives", 0.426),
     course=Course("crowdnav", PUBLIC_SPLIT, "crowdnav", CLOCK, members=tuple(range(CASES))),
     scenes=CASES,

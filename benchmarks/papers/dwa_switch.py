@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.benchmarks.papers.claim import Claim, Printed, Side
+from wayfield.benchmarks.papers.claim import Claim, Printed, Side, Training
 from wayfield.envs import goal_reaching
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies import make, tuned_gains
@@ -96,6 +96,7 @@ CLAIM = Claim(
     ),
     untuned=Side("DWA, default gains, nothing foreseen (Fox)", "wayfield.policies.scans.dwa:Dwa foresight=0.0"),
     tuned=Side("`dwa`, hand-tuned", "dwa", "hand-tuned", "8.6 M steps of search, then compared by hand"),
-    also=Side("PPO alone, ten seeds", "ppo", "trained", "preset diff_drive_goal"),
+    also=Side("PPO alone, ten seeds", "ppo", "trained", "preset diff_drive_goal, 3.2 M steps a seed"),
+    training=Training("diff_drive_goal", "wayfield/DiffDriveGoalObstacles-v0", "goal_reaching_p3dx"),
     scenes=15,
 )

@@ -1,7 +1,7 @@
 """Our own: the scan planner reaches more goals among static obstacles than the PPO agents that ship."""
 
 from wayfield.benchmarks.contests import CONTESTS
-from wayfield.benchmarks.papers.claim import Claim, Printed, Side
+from wayfield.benchmarks.papers.claim import Claim, Printed, Side, Training
 
 CLAIM = Claim(
     name="own_goals",
@@ -17,6 +17,7 @@ CLAIM = Claim(
     measure="success",
     agent=Side("`scan_planner`, hand-tuned", "scan_planner", "hand-tuned", "compared by hand, no record of a search"),
     untuned=None,
-    tuned=Side("PPO, ten seeds", "ppo", "trained", "preset diff_drive_goal, chosen on validation"),
+    tuned=Side("PPO, ten seeds", "ppo", "trained", "preset diff_drive_goal, 3.2 M steps a seed"),
+    training=Training("diff_drive_goal", "wayfield/DiffDriveGoalObstacles-v0", "goal_reaching_p3dx"),
     scenes=100,
 )

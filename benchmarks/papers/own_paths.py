@@ -1,7 +1,7 @@
 """Our own: ilqr tracks smooth paths more closely than the PPO agents that ship."""
 
 from wayfield.benchmarks.contests import CONTESTS
-from wayfield.benchmarks.papers.claim import Claim, Printed, Side
+from wayfield.benchmarks.papers.claim import Claim, Printed, Side, Training
 
 CLAIM = Claim(
     name="own_paths",
@@ -20,7 +20,8 @@ CLAIM = Claim(
     measure="error",
     agent=Side("`ilqr`, hand-tuned", "ilqr", "hand-tuned", "compared by hand, no record of a search"),
     untuned=None,
-    tuned=Side("PPO, ten seeds", "ppo", "trained", "preset path_following, chosen on validation"),
+    tuned=Side("PPO, ten seeds", "ppo", "trained", "preset path_following_tiers, 8.0 M steps a seed"),
+    training=Training("path_following_tiers", "wayfield/DiffDrivePathFollowing-v0", "path_following_p3dx"),
     split="test",
     scenes=10,
 )

@@ -1,7 +1,7 @@
 """Learned navigation beats DWA in cluttered static worlds."""
 
 from wayfield.benchmarks.contests import PUBLIC_SPLIT, Course
-from wayfield.benchmarks.papers.claim import Claim, Gate, Printed, Side
+from wayfield.benchmarks.papers.claim import Claim, Gate, Printed, Side, Training
 
 WORLDS = 32
 
@@ -25,12 +25,13 @@ CLAIM = Claim(
     families=("cellular",),
     robot="jackal",
     measure="success",
-    agent=Side("`any_robot`", "any_robot", "default", "3.0 M steps, other scenes"),
+    agent=Side("`any_robot`", "any_robot", "default", "preset any_diff_drive_goal, 3.0 M steps, other scenes"),
     untuned=Side(
         "DWA, Fox's objective, at most 0.5 m/s",
         "wayfield.policies.scans.dwa:Dwa max_speed=0.5 progress=0.0 room=0.0 foresight=0.0",
     ),
     tuned=None,
+    training=Training("any_diff_drive_goal", "wayfield/DiffDriveGoalObstacles-v0", "goal_reaching_any_diff_drive"),
     gate=Gate(0.43, "their DWA in their worlds"),
     course=Course("cellular", PUBLIC_SPLIT, "cellular", 1600, members=tuple(range(WORLDS))),
     scenes=WORLDS,

@@ -1,8 +1,10 @@
 """Agents by their seed: those that ship, five or ten a task and robot, or those of a folder that `train.py` wrote."""
 
+import contextlib
 import dataclasses
 import functools
 import re
+from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
 from typing import Any, ClassVar
@@ -96,9 +98,31 @@ class Ppo(Gains):
         return self.agent(briefing).act(observation, briefing, memory)
 
 
+_instead: dict[str, Path] = {}
+
+
+@contextlib.contextmanager
+def in_place_of(name: str, home: Path) -> Iterator[None]:
+    """Lets agents of one's own, in a folder of training runs, drive in this process where those that ship would.
+
+    Args:
+        name: of the folder of those that ship, a task and a robot.
+    """
+    _instead[name] = home
+    shipped_agent.cache_clear()
+    try:
+        yield
+    finally:
+        del _instead[name]
+        shipped_agent.cache_clear()
+
+
 def shipped(task: str, robot: str) -> dict[int, Path]:
     """Returns the folders of the agents that ship for a task, as `Ppo.agents_of` names it, and robot, by seed."""
-    return _by_seed(Path(str(resources.files("wayfield.policies"))) / "agents" / f"{task}_{robot}")
+    name = f"{task}_{robot}"
+    if name in _instead:
+        return trained(str(_instead[name]))
+    return _by_seed(Path(str(resources.files("wayfield.policies"))) / "agents" / name)
 
 
 @functools.lru_cache(maxsize=128)

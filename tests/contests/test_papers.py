@@ -21,8 +21,10 @@ from wayfield.benchmarks.papers.claim import (
     Claim,
     Driven,
     Gate,
+    drive,
     gathered,
     judge,
+    train,
 )
 
 ROOT = Path(__file__).parents[2]
@@ -123,6 +125,23 @@ def test_a_claim_runs_again_as_it_was_published(tmp_path: Path) -> None:
         assert float(row["cost"]) == pytest.approx(float(published["cost"]), rel=1e-3)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "steps"), [("own_paths", 40_000)])
+def test_a_claim_is_trained_anew_the_same_each_time(tmp_path: Path, name: str, steps: int) -> None:
+    """By a function of its own and by a preset; the agents that were trained drive, not those that ship."""
+    pytest.importorskip("torch")
+    claim = dataclasses.replace(CLAIMS[name], families=("splines",))
+    driven = []
+    for home in (tmp_path / "a", tmp_path / "b"):
+        train(claim, home, steps)
+        driven.append(list(drive(claim, 1, home)))
+    assert driven[0] == driven[1]
+    ships = list(drive(claim, 1))
+    for row, shipped in zip(driven[0], (each for each in ships if each["seed"] in ("", "0", "1", "2")), strict=True):
+        assert (row["side"], row["seed"]) == (shipped["side"], shipped["seed"])
+        assert (row["cost"] == shipped["cost"]) == (row["seed"] == "")
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -131,6 +150,7 @@ def test_a_claim_runs_again_as_it_was_published(tmp_path: Path) -> None:
         (["--claim", "crowdnaf"], "crowdnav"),
         (["--claim", "crowdnav", "--robot", "omni4"], "--robot belongs to"),
         (["--claim", "crowdnav", "--actuators", "slow"], "--actuators is said by the claim itself"),
+        (["--claim", "crowdnav", "--steps", "1000"], "--steps is of a training: add --train"),
     ],
 )
 def test_wrong_options_are_one_line(options: list[str], words: str) -> None:
