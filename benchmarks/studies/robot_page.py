@@ -113,6 +113,7 @@ def _row(robot: Robot) -> list[str]:
         f"`{robot.name}`",
         robot.title,
         robot.drive,
+        f"{robot.hull_radius:.3g}",
         ", ".join(f"{radius:g}" for radius in radii),
         twist,
         f"{robot.acceleration:g}, {robot.yaw_acceleration:g}, {robot.actuators('lagged').lag:g}",
@@ -122,8 +123,9 @@ def _row(robot: Robot) -> list[str]:
 
 
 _SOURCES = (
-    "Where the numbers of each data sheet come from. Document A is the P3DX look-ahead report, B the three-wheel omni "
-    "paper, C the four-wheel APF paper. `chosen` numbers are ours."
+    "Where the numbers of each data sheet come from. Documents A, B and C are [the three reference "
+    "papers](documents.md): the P3DX look-ahead report, the three-wheel omni paper and the four-wheel APF paper (artificial "
+    "potential fields). `chosen` numbers are ours."
 )
 
 
@@ -133,13 +135,15 @@ def generated() -> str:
         "name",
         "robot",
         "drive",
+        "hull radius (m)",
         "wheel radius (m)",
         "top speeds: v_x, (v_y,) yaw rate (m/s, rad/s)",
         "`lagged`: acceleration (m/s², rad/s²), lag (s)",
     ]
     header += ["mass (kg), inertia (kg m²), friction", "scan"]
     note = (
-        "Top speeds are at rated wheel speed, each axis alone. An empty cell of the scan: 32 beams, 5 m, full circle."
+        "Hull radius: of the disc around the hull. Top speeds are at rated wheel speed, each axis alone. An empty cell "
+        "of the scan: 32 beams, 5 m, full circle. Documents B and C: see the sources below."
     )
     table = Table("Robots that ship", header, [_row(robot) for robot in ROBOTS.values()], note).markdown()
     parts = [f"![Every robot to scale]({DRAWING})\n", table, f"## Sources\n\n{_SOURCES}\n"]
