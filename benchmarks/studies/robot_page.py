@@ -124,8 +124,8 @@ def _row(robot: Robot) -> list[str]:
 
 _SOURCES = (
     "Where the numbers of each data sheet come from. Documents A, B and C are [the three reference "
-    "papers](documents.md): the P3DX look-ahead report, the three-wheel omni paper and the four-wheel APF paper (artificial "
-    "potential fields). `chosen` numbers are ours."
+    "papers](documents.md): the P3DX look-ahead report, the three-wheel omni paper and the four-wheel APF paper "
+    "(artificial potential fields). `chosen` numbers are ours."
 )
 
 

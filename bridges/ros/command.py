@@ -425,7 +425,7 @@ def _run(
 )
 @click.option("--seconds", type=Finite(20.0, 600.0), default=60.0, show_default=True)
 @click.option(
-    "--space", type=Finite(0.2, 100.0), default=2.0, show_default=True, help="Free space ahead and behind, m."
+    "--space", type=Finite(0.2, 100.0), default=2.0, show_default=True, help="Free space in every direction, m."
 )
 @_talking
 def excite(robot: Robot, top_speed: float, top_yaw_rate: float, seconds: float, space: float, **options: Any) -> None:

@@ -77,7 +77,7 @@ def fault_of(scan: Scan) -> str:
         return f"scan's range_min is {scan.range_min:g} and range_max {scan.range_max:g}; 0 <= range_min < range_max"
     requested = (scan.angle_max - scan.angle_min) / scan.angle_increment + 1.0 if count > 1 else 1.0
     if not abs(requested - count) <= 1.0 + 1e-3 * count**0.5:
-        return f"scan has {count} ranges, its angles are those of {requested:.1f}"
+        return f"scan has {count} ranges, but angle_min, angle_max and angle_increment imply {requested:.1f}"
     if abs((count - 1) * scan.angle_increment) > 2.0 * math.pi + 2.0 * abs(scan.angle_increment):
         return f"scan goes round more than once: {count} beams of {abs(scan.angle_increment):g} rad"
     return ""

@@ -335,7 +335,7 @@ def test_what_a_robot_says_wrong_stops_it_with_a_line_and_it_drives_on_afterward
     robot(free, drives)
     robot([math.nan] * 180, said("nothing to say of 100 % of what is ahead"))
     robot(free, drives)
-    robot(free, said("scan has 180 ranges, its angles are those of 90.0"), beams=90)
+    robot(free, said("scan has 180 ranges, but angle_min, angle_max and angle_increment imply 90.0"), beams=90)
     robot(free, drives)
     robot(free, said("the clock jumped by -1.9"), back=2.0)
     robot(free, drives)
