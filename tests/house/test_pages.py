@@ -29,7 +29,6 @@ LEFT_OUT = {
     "#SBATCH": "it needs SLURM",
     "kubectl": "it needs Kubernetes",
     "--data ": "it needs files of public benchmarks, which do not ship",
-    "studies/publish.py": "it runs all suites, for days, and writes to the repository",
 }
 # Python that needs what shell lines of its page left, or minutes, so that it runs in the slow part alone
 SLOW = ("results/", "load_dataset", "localhost:23000", "workers=4", "model.learn")
@@ -42,9 +41,6 @@ LONG = {
     "--video": 45,
     "--policies waypoint": 45,
     "tune_all": 45,
-    "interval_coverage.py": 45,
-    "throughput.py": 45,
-    "decisions": 45,
     "compare([": 45,
 }
 WHOLE = ("--episodes 1", "results/short", "results/mine", "offline")  # which later lines need, however long
