@@ -85,18 +85,24 @@ def _smoothed(course: Course, ends_only: bool) -> Smoothed | None:
     for run in course.runs:
         vertices = course.vertices[run["first"] : run["first"] + run["segments"] + 1]
         points = np.column_stack([vertices["x"], vertices["y"], vertices["s"]])
-        smooth = points if run["closed"] else straight_end(points)
-        if not ends_only:
-            smooth = rounded(without_wiggles(smooth))
-            smooth = smooth if run["closed"] else straight_start(smooth)
-        if run["closed"] and len(smooth) < 4:
-            smooth = points
+        smooth = smooth_points(points, bool(run["closed"]), ends_only)
         changed = changed or len(smooth) != len(points) or bool((smooth != points).any())
         paths.append(Path(smooth[:-1, :2] if run["closed"] else smooth[:, :2], bool(run["closed"])))
         given.append(smooth[:, 2])
     if not changed:
         return None
     return Smoothed(Course.of(PathPool.of(paths), course.path_index), np.concatenate(given), course.runs["length"])
+
+
+@allocating
+def smooth_points(points, closed, ends_only):
+    """Returns the points (n, 3) of `smoothed`, x, y and arc length along the path as it is (m), of such points."""
+    smooth = points if closed else straight_end(points)
+    if not ends_only:
+        smooth = rounded(without_wiggles(smooth))
+        if not closed:
+            smooth = straight_start(smooth)
+    return points if closed and smooth.shape[0] < 4 else smooth
 
 
 @allocating
@@ -145,14 +151,17 @@ def straight_end(points):
     return points
 
 
-def straight_start(points: Array) -> Array:
+@allocating
+def straight_start(points):
     """Returns the points with the first TAIL of the path as `straight_end` has the last one of the path backwards."""
-    length = points[-1, 2]
-    backwards = np.column_stack([points[::-1, :2], length - points[::-1, 2]])
-    straight: Array = straight_end(backwards)
-    if len(straight) == len(points) and (straight == backwards).all():
+    backwards = points[::-1].copy()
+    backwards[:, 2] = points[-1, 2] - backwards[:, 2]
+    straight = straight_end(backwards)
+    if straight.shape[0] == points.shape[0]:
         return points
-    return np.column_stack([straight[::-1, :2], length - straight[::-1, 2]])
+    result = straight[::-1].copy()
+    result[:, 2] = points[-1, 2] - result[:, 2]
+    return result
 
 
 @allocating
