@@ -1,4 +1,4 @@
-// The payload: zlib over [length of the JSON, the JSON, the packed trajectories], as base64.
+// The payload: zlib over [length of the JSON, the JSON, the packed trajectories], as text of seven bits a character.
 
 const QUANTUM = 1e-3; // m and rad
 const DT = 0.05; // s
@@ -7,6 +7,20 @@ function bytesOf(base64) {
   const text = atob(base64);
   const bytes = new Uint8Array(text.length);
   for (let k = 0; k < bytes.length; k++) bytes[k] = text.charCodeAt(k);
+  return bytes;
+}
+
+// Undoes `as_text` of the package.
+function bytesOfText(text) {
+  const bytes = new Uint8Array(Math.floor((7 * text.length) / 8));
+  let [held, bits, at] = [0, 0, 0];
+  for (let k = 0; k < text.length; k++) {
+    held = ((held << 7) | (text.charCodeAt(k) & 127)) & 0x7fff;
+    bits += 7;
+    if (bits < 8) continue;
+    bits -= 8;
+    bytes[at++] = held >> bits;
+  }
   return bytes;
 }
 
@@ -19,7 +33,7 @@ async function inflated(bytes) {
 }
 
 async function readPayload() {
-  const bytes = await inflated(bytesOf(document.getElementById("payload").textContent.trim()));
+  const bytes = await inflated(bytesOfText(document.getElementById("payload").textContent));
   const length = new DataView(bytes.buffer).getUint32(0, true);
   const told = JSON.parse(new TextDecoder().decode(bytes.subarray(4, 4 + length)));
   return { told, packed: bytes.subarray(4 + length) };
