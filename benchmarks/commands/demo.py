@@ -28,7 +28,11 @@ FEW, SOME = 2, 33
 ABOUT = "Drive against controllers and trained networks, draw them a path, put things in their way. No installation."
 SITE = "WAYFIELD_SITE"  # environment variable: the address that the site is published at, which links lead to
 TITLE = "wayfield: race robots in your browser"
-AGENTS_THERE = ("team_guided", "team_scan", "people_free")  # of those trained among bodies
+AGENTS_THERE = ("team_guided", "team_scan", "people_free", "any_robot")  # of those that are left out elsewhere
+ABSENT = (
+    "The robots mir100 and husky are absent: these scenes have no room for their hulls. Jackal drives alone, in scenes "
+    "that are made larger for it. Tracking a reference in time is absent: the page has no kernels of that task."
+)
 # what the page opens on, as a link holds it
 _CALM = {"actuators": "lagged", "disturbance": "none"}
 _SIDES = ("people_free (trained)", "dwa")
@@ -122,6 +126,7 @@ def told() -> dict[str, Any]:
         "free": CHALLENGES[2],
         "challenges": CHALLENGES,
         "unable": unable(),
+        "absent": ABSENT,
         "site": f"{site()}/demo.html" if site() else "",
     }
 

@@ -297,6 +297,23 @@ def test_a_drawn_path_is_driven_by_all_and_by_python(browser: Browser, files: di
         assert watched.errors == []
 
 
+def test_things_are_put_and_a_path_is_drawn_by_the_keyboard_alone(browser: Browser, files: dict[str, Path]) -> None:
+    with Watched(browser, files["demo"]) as watched:
+        tab = watched.page
+
+        def pressed(button: str, *keys: str) -> None:
+            tab.get_by_role("button", name=button).focus()
+            for key in ("Enter", *keys):
+                tab.keyboard.press(key)
+
+        pressed("Put things in its way", "Shift+ArrowLeft", "Enter", "Enter")
+        assert tab.evaluate("replay.world.obstacles.length - drive.original.obstacles.length") == 1
+        pressed("Draw a path", "Enter", *["Shift+ArrowRight"] * 4, *["Shift+ArrowUp"] * 3, "Enter")
+        watched.until(f"replay.world.kind === 'path' && {DRIVEN}")
+        assert tab.evaluate("replay.world.path.length") > 10
+        assert watched.errors == []
+
+
 def test_a_link_shows_the_same_runs_and_python_drives_them(browser: Browser, files: dict[str, Path]) -> None:
     with Watched(browser, files["demo"], viewport={"width": 1280, "height": 900}) as watched:
         tab = watched.page
@@ -383,16 +400,18 @@ def test_runs_chosen_in_the_page_are_those_of_python(browser: Browser, files: di
 
         def choose(label: str, among: Any = None) -> str:
             box = tab.get_by_label(label, exact=True)
-            values = box.evaluate("(box) => [...box.options].map((each) => each.value)")
+            values = box.evaluate(
+                "(box) => [...box.options].filter((each) => !each.disabled).map((each) => each.value)"
+            )
             value = rng.choice([each for each in values if among is None or among(each)])
             box.select_option(value)
             return str(value)
 
-        for k in range(SETTINGS):
-            kind = list(IN_PAGE.values())[k % len(IN_PAGE)].kind
+        kinds = [spec.kind for spec in IN_PAGE.values()]
+        for kind, policy, robot in ((kinds[k % len(kinds)], "", "") for k in range(SETTINGS)):
             told = [choose("scene", lambda each, kind=kind: each.startswith(f"{kind}: "))]
-            told += [choose(label) for label in ("robot", "motors")]
-            told.append(choose("policy", lambda each: not each.startswith("you,")))
+            told += [choose("robot", lambda each, robot=robot: each.startswith(robot)), choose("motors")]
+            told.append(choose("policy", lambda each, policy=policy: each.startswith(policy) and each[:4] != "you,"))
             tab.get_by_role("button", name="run this one").click()
             watched.until(DRIVEN)
             assert tab.evaluate("replay.chosen.policy") == told[-1]

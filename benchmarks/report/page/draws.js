@@ -1,12 +1,21 @@
 // Without a run: scenarios of every family, drawn by their seed.
 
-// A world for a hull of that radius (m): what the robot docks at is moved up to a smaller one, as Python does.
+// A world for a hull of that radius (m), as Python has it: what the robot docks at is moved up to a smaller one, or away from
+// a larger one; of what a larger one drives to, all places and sizes grow with its class. What was edited stays as it is.
 function fitted(world, hull) {
   const made = world.made || world;
-  if (!made.closing) return world;
-  const shrinkage = made.hull - hull;
-  const obstacles = made.obstacles.map(([x, y, ...shape], k) => [x + shrinkage * made.closing[k][0], y + shrinkage * made.closing[k][1], ...shape]);
-  return { ...made, obstacles, made };
+  if (world.edited || !made.obstacles || !made.hull) return world;
+  const size = hull > made.hull ? Number((0.05 * Math.ceil((hull / 0.05).toFixed(9))).toFixed(2)) : hull;
+  if (made.closing) {
+    const obstacles = made.obstacles.map(([x, y, ...shape], k) => [x + (made.hull - size) * made.closing[k][0], y + (made.hull - size) * made.closing[k][1], ...shape]);
+    return { ...made, obstacles, made };
+  }
+  if (made.kind !== "goal" || size <= made.hull) return made;
+  const factor = size / made.hull;
+  const pose = ([x, y, heading]) => [factor * x, factor * y, heading];
+  return { ...made, start: pose(made.start), goal: pose(made.goal), made,
+    obstacles: made.obstacles.map(([x, y, c, s, l, w, r, mass]) => [factor * x, factor * y, c, s, factor * l, factor * w, factor * r, mass]),
+    patrols: made.patrols.map(([x, y, vx, vy, time, phase]) => [factor * x, factor * y, vx, vy, factor * time, factor * phase]) };
 }
 
 const ABOUT_BODIES = { team: "The policy drives all robots; the chosen run shows the others.", people: "People are grey; the chosen run shows them." };

@@ -6,8 +6,8 @@ const MOTORS = { ideal: "perfect", lagged: "normal", slow: "sluggish" };
 const FAST = 6; // ms of a frame for the simulator
 const IDLE = 14; // ms at a time while nothing plays
 const AHEAD = 3000; // ms to catch up at once
-const REASONS = [["mpc", "solves its problem with OSQP"], ["ilqr", "smooths its path in Python first"], ["ppo", ""], ["agent", ""], ["hybrid", "joins an agent and a planner in Python"], ["any_robot", "joins agents and a planner in Python"], ["reeds_shepp_scan", "draws its map of the scan in Python"],
-  ["nav2", "keeps a cost map that the page does not carry"], ["central", "plans for all at once, in Python"], ...["team_guided", "team_scan", "people_free"].map((each) => [each, "its weights are not in this file"])]; // why not here
+const REASONS = [["mpc", "solves its problem with OSQP"], ["ppo", ""], ["agent", ""],
+  ["nav2", "keeps a cost map that the page does not carry"], ["central", "plans for all at once, in Python"], ...["team_guided", "team_scan", "people_free", "any_robot"].map((each) => [each, "its weights are not in this file"])]; // why not here
 
 // Whether the cells of a world's map are not in the page.
 const outlined = (world) => Boolean(world.walls && !world.grid);
@@ -107,7 +107,8 @@ class Drive {
     const task = taskOf(this.kernels, world);
     const has = (robot) => pilotsOf(this.kernels, task, robot, this.tier.value).some((each) => each.endsWith("(trained)"));
     const { value } = this.robot;
-    return this.picked || has(value) ? value : robotsOf(this.kernels, task).find(has) || value;
+    const there = robotsOf(this.kernels, task);
+    return there.includes(value) && (this.picked || has(value)) ? value : there.find(has) || there[0];
   }
 
   // Which policies can drive here, and which cannot and why.
@@ -115,6 +116,7 @@ class Drive {
     const { replay, who } = this;
     if (replay.world !== this.world) { this.world = this.original = replay.world; this.clear(); }
     this.robot.value = replay.robot;
+    for (const each of this.robot.options) each.disabled = !robotsOf(this.kernels, this.task).includes(each.value); // too large for these scenes
     const told = replay.chosen && replay.chosen.told;
     if (told && told !== this.toldOf) { this.toldOf = told; this.tier.value = told.actuators; }
     const able = this.able();
@@ -124,7 +126,7 @@ class Drive {
     const others = replay.told.demo ? (replay.told.demo.unable || {})[replay.world.kind] || [] : [];
     const unable = [...new Set([...replay.actors.filter((actor) => actor.told && !able.includes(actor.policy)).map((actor) => actor.policy), ...others])];
     const reason = (label) => (REASONS.find(([start]) => label.startsWith(start)) || ["", "decides in NumPy"])[1];
-    this.cannot.textContent = unable.length ? `Cannot drive in the page: ${unable.map((each) => `${each}${reason(each) ? ` (${reason(each)})` : ""}`).join(", ")}.${this.free ? " The robot jackal: its hull, a rectangle, is longer than these scenes have room for." : ""}` : "";
+    this.cannot.textContent = unable.length ? `Cannot drive in the page: ${unable.map((each) => `${each}${reason(each) ? ` (${reason(each)})` : ""}`).join(", ")}.${this.free ? ` ${replay.told.demo.absent}` : ""}` : "";
     if (!this.task) this.cannot.textContent = "Such scenarios are replayed; no policy can drive in them in the page.";
     if (outlined(replay.world)) this.cannot.textContent += " The map is too large for the page: here one drives among the walls of its outline, and runs are near those of Python, not the same to the last bit.";
     for (const each of [this.goButton, this.allButton, this.handButton]) each.disabled = !this.task;

@@ -1,8 +1,10 @@
 // Edits the scene: things are moved, resized and turned by their handles, drawn by a drag, and paths by a pen.
 
 const TOOLS = { move: "move", disc: "disc", box: "box", wall: "wall", path: "path" };
-const HINTS = { move: "Drag things; the small squares resize and turn them.", disc: "Drag from the middle of the disc to its edge.", box: "Drag from corner to corner.",
-  wall: "Drag from end to end.", path: "Draw: the policies follow your line. End near its beginning to close it." };
+const HINTS = { move: "Drag things; the small squares resize and turn them.", disc: "Click where it shall stand, or drag from its middle to its edge.", box: "Click where it shall stand, or drag from corner to corner.",
+  wall: "Click where it shall stand, or drag from end to end.", path: "Draw: the policies follow your line. End near its beginning to close it." };
+const BY_KEYS = " Arrow keys move the cross (Shift: farther), Enter presses and lets go, Escape ends.";
+const CLICKED = 0.3; // m, from the middle to the edges of what a click puts down
 const SPACING = 0.1; // m between the points of a drawn path
 
 // A drawn line as a path: its points evenly spaced, corners cut, closed where it comes back to its beginning.
@@ -60,14 +62,20 @@ class Editor {
     this.tool = null;
     this.handle = null; // what was grabbed last
     const button = (text, click, attributes = {}) => el("button", { type: "button", ...attributes, on: { click } }, text);
-    this.buttons = Object.fromEntries(Object.entries(TOOLS).map(([tool, text]) => [tool, button(text, () => this.take(this.tool === tool ? null : tool), { "aria-pressed": "false" })]));
+    this.buttons = Object.fromEntries(Object.entries(TOOLS).map(([tool, text]) => [tool, button(text, (event) => this.take(this.tool === tool ? null : tool, !event.detail), { "aria-pressed": "false" })]));
     this.file = el("input", { type: "file", accept: ".json,application/json,image/*", class: "hidden", tabindex: "-1", "aria-label": "scenario, image of a map or robot's data sheet", on: { change: () => this.load(this.file.files[0]) } });
     this.part = el("details", { open: true }, el("summary", {}, "Edit the scene"), el("div", { class: "files" }, Object.values(this.buttons)),
       el("div", { class: "files" }, button("remove", () => this.remove()), button("reset scene", () => this.undo()), button("save scenario", () => this.save()),
         button("load scenario or image", () => this.file.click()), this.file));
     this.replay.overlay = (context, pixel) => this.marks(context, pixel);
-    this.replay.grab = (event) => this.grab(event);
-    this.replay.drag = (event) => this.drag(event);
+    this.cross = null; // m, where the keys have led
+    this.replay.grab = (event) => {
+      const taken = this.tool !== null && this.grab(this.replay.view.metres(event), event.pointerType === "touch" ? 22 : 10);
+      if (taken) this.replay.canvas.setPointerCapture(event.pointerId);
+      return taken;
+    };
+    this.replay.drag = (event) => this.drag(this.replay.view.metres(event));
+    this.replay.edits = (event) => this.key(event);
     this.replay.drop = () => this.dropped();
     const { board } = this.replay;
     board.addEventListener("dragover", (event) => { event.preventDefault(); board.classList.add("drop"); });
@@ -79,17 +87,42 @@ class Editor {
     this.drive.result.textContent = text;
   }
 
-  take(tool) {
+  // Chooses a tool, or none; `keys` tells how to use it without a mouse.
+  take(tool, keys = false) {
     if (tool && tool !== "path" && tool !== "move" && this.replay.world.path) { this.say("Nothing stands beside a path; draw it, or move its points."); return; }
     this.tool = tool;
+    this.cross = this.grabbed = null;
     for (const [name, each] of Object.entries(this.buttons)) each.setAttribute("aria-pressed", name === tool);
     const { canvas, hint } = this.replay;
     canvas.classList.toggle("held", tool !== null); // a finger that edits does not scroll
     canvas.classList.toggle("draws", tool !== null && tool !== "move");
     hint.hidden = tool === null;
-    hint.replaceChildren(...(tool === null ? [] : [HINTS[tool], el("button", { type: "button", on: { click: () => this.take(null) } }, "done")]));
+    hint.replaceChildren(...(tool === null ? [] : [HINTS[tool] + (keys ? BY_KEYS : ""), el("button", { type: "button", on: { click: () => this.take(null) } }, "done")]));
+    if (keys && tool !== null) {
+      this.cross = [...this.replay.view.centre];
+      canvas.focus({ preventScroll: true });
+    }
     if (tool !== null) canvas.scrollIntoView({ block: "nearest" }); // on a phone the tools lie below the picture
     this.replay.refresh();
+  }
+
+  // Without a mouse: arrows move a cross, Enter is the button of the mouse.
+  key({ key, shiftKey }) {
+    if (!this.tool) return false;
+    const { replay } = this;
+    const [dx, dy] = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[key] || [0, 0];
+    if (dx || dy) {
+      const [x, y] = this.cross || replay.view.centre;
+      const step = (shiftKey ? 50 : 10) / replay.view.pixels;
+      this.cross = [x + step * dx, y + step * dy];
+      this.drag(this.cross);
+    } else if (key === "Escape") this.take(null);
+    else if (key === "Enter" || key === " ") {
+      if (this.grabbed) this.dropped();
+      else this.grab(this.cross || replay.view.centre, 10);
+    } else return false;
+    replay.refresh();
+    return true;
   }
 
   change(apply) {
@@ -149,12 +182,10 @@ class Editor {
     return found;
   }
 
-  grab(event) {
-    if (!this.tool) return false;
+  grab(point, reach) {
     const { replay } = this;
-    const point = replay.view.metres(event);
     if (this.tool === "move") {
-      const slack = (event.pointerType === "touch" ? 22 : 10) / replay.view.pixels;
+      const slack = reach / replay.view.pixels;
       let best = null;
       for (const each of this.handles()) {
         const distance = (each.shape ? distanceTo(each.shape, ...point) : Math.hypot(point[0] - each.at[0], point[1] - each.at[1]) - each.reach) - (each.knob ? Math.min(slack, 0.12) : 0);
@@ -167,14 +198,12 @@ class Editor {
     this.line = [point];
     this.before = structuredClone(replay.world);
     replay.toggle(false);
-    replay.canvas.setPointerCapture(event.pointerId);
     replay.refresh();
     return true;
   }
 
-  drag(event) {
+  drag([x, y]) {
     if (!this.grabbed) return false;
-    const [x, y] = this.replay.view.metres(event);
     this.to = [x, y];
     if (this.tool === "path") {
       const [lx, ly] = this.line[this.line.length - 1];
@@ -243,9 +272,11 @@ class Editor {
     this.to = null;
     if (tool === "path") { this.follow(drawnPath(this.line)); return; }
     if (tool !== "move") {
-      if (!to || Math.hypot(to[0] - grabbed[0], to[1] - grabbed[1]) * this.replay.view.pixels < 5) { this.say("Drag to give it a size."); return; }
+      const clicked = !to || Math.hypot(to[0] - grabbed[0], to[1] - grabbed[1]) * this.replay.view.pixels < 5;
+      const [x, y] = grabbed;
+      const from = clicked && tool !== "disc" ? [x - CLICKED, y - CLICKED] : grabbed;
       this.change((world) => {
-        world.obstacles.push(shapeOf[tool](grabbed, to));
+        world.obstacles.push(shapeOf[tool](from, clicked ? [x + CLICKED, y + (tool === "disc" ? 0 : CLICKED)] : to));
         if (world.patrols.length) world.patrols.push([0, 0, 0, 0, 0, 0]);
         this.handle = { kind: "obstacle", index: world.obstacles.length - 1 };
       });
@@ -259,7 +290,7 @@ class Editor {
     this.take(null);
     const { hint } = this.replay;
     hint.hidden = false;
-    hint.replaceChildren("They drive around it now.", el("button", { type: "button", on: { click: () => this.take(tool) } }, `another ${tool}`), el("button", { type: "button", on: { click: () => { hint.hidden = true; } } }, "done"));
+    hint.replaceChildren("They drive around it now.", el("button", { type: "button", on: { click: (event) => this.take(tool, !event.detail) } }, `another ${tool}`), el("button", { type: "button", on: { click: () => { hint.hidden = true; } } }, "done"));
     this.replay.toggle(true);
   }
 
@@ -304,6 +335,15 @@ class Editor {
     if (!this.tool) return;
     context.strokeStyle = ink("--accent");
     context.lineWidth = 2 * pixel;
+    if (this.cross) {
+      const [x, y] = this.cross;
+      context.beginPath();
+      for (const [dx, dy] of [[12, 0], [0, 12]]) {
+        context.moveTo(x - dx * pixel, y - dy * pixel);
+        context.lineTo(x + dx * pixel, y + dy * pixel);
+      }
+      context.stroke();
+    }
     if (this.grabbed && this.to && this.tool !== "move") {
       if (this.tool === "path") {
         context.beginPath();

@@ -187,7 +187,7 @@ const LOOKS = {
 // The overlay of a trained agent: what its guard or its base makes of what it wanted, or it of what that asks for.
 function guardOf({ guard, base, fill_bodies_scales: scales }) {
   if (guard) return { kind: "guard", title: "wanted (dashed), and what the guard leaves", numbers: guard };
-  return base && { kind: "guard", title: base.guards ? "wanted (dashed), and what the half-planes leave" : "orca_team's choice (dashed), and its own", numbers: scales };
+  return base && { kind: "guard", title: base.guards ? "wanted (dashed), and what ORCA leaves of it" : "orca_team's choice (dashed), and its own", numbers: scales };
 }
 
 // Beside the picture's own runs, in a memory of its own: what is drawn changes nothing of what is driven.

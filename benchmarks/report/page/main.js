@@ -54,7 +54,7 @@ async function main() {
   if (!told.demo && !location.hash) picks.duel(told.duels);
   if (!told.kernels) return;
   if (typeof WebAssembly === "undefined") {
-    problem("This browser has no WebAssembly, so no robot can be driven here; current versions of Chrome, Edge, Firefox and Safari have it. Recorded episodes can be replayed.");
+    problem(`This browser has no WebAssembly, so no robot can be driven here; current versions of Chrome, Edge, Firefox and Safari have it. ${told.demo ? "Its scenes can be looked at" : "Recorded episodes can be replayed"}.`);
     return;
   }
   try {

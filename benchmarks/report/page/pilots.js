@@ -7,6 +7,7 @@ function pilotFor(simulator, label, gains = {}) {
   gains = { ...askedOf(kernels, task, recipe, simulator.world), ...gains };
   if (simulator.crowd) return new Everyone(simulator, recipe, gains);
   if (simulator.late) return new Predicted(simulator, new Law(simulator, recipe, gains));
+  if (recipe.planner) return new Planned(simulator, recipe);
   return recipe.network ? new Network(simulator, recipe, gains) : new Law(simulator, recipe, gains);
 }
 
@@ -59,9 +60,11 @@ class Law {
     this.simulator = simulator;
     this.recipe = recipe;
     const { kernels } = simulator;
-    const told = simulator.told;
+    this.course = recipe.smooth ? simulator.smoothed(recipe.smooth === "ends") : null;
+    const told = { ...simulator.told, ...this.course };
     this.values = {};
     this.inputs = [];
+    this.fresh = []; // zeros at every decision
     for (const each of recipe.arguments) {
       if (each.role === "number") this.values[each.name] = each.value;
       else if (each.role.startsWith("told.")) this.values[each.name] = told[each.role.slice(5)];
@@ -73,6 +76,10 @@ class Law {
       } else if (each.role === "out") {
         const bytes = each.size * each.shape.reduce((a, b) => a * b, 1);
         this.values[each.name] = { at: kernels.put(new Uint8Array(bytes)), shape: each.shape }; // zeros, as Python begins with
+      } else if (each.role === "fresh") {
+        const bytes = each.size * each.shape.reduce((a, b) => a * b, 1);
+        this.values[each.name] = { at: kernels.room(bytes), shape: each.shape };
+        this.fresh.push([this.values[each.name].at, bytes]);
       } else this.values[each.name] = { at: kernels.put(kernels.blob(each.blob)), shape: each.shape };
     }
     for (const { name, whole, places } of gainsOf(kernels, simulator.task, recipe).gains) {
@@ -105,7 +112,9 @@ class Law {
         numbers.fill(0);
         body.axes.forEach((axis, k) => { numbers[axis] = seen.twist[k]; });
       } else numbers.set(seen[name]);
+      if (name === "arc_length" && this.course) kernels.call("place_on_course", { "course.vertices": this.values["course.vertices"], "course.runs": this.values["course.runs"], "course.path_index": this.values["course.path_index"], given: this.course.given, laps: this.course.laps, arc_lengths: place });
     }
+    for (const [at, bytes] of this.fresh) new Uint8Array(kernels.memory.buffer).fill(0, at, at + bytes);
   }
 
   // The numbers of its overlay at this moment; the law's memory is as it was afterwards.
@@ -206,6 +215,7 @@ class Network {
     const { recipe, memory, inputs, fields } = this;
     const { kernels, seen, body } = this.simulator;
     for (const [name, values] of Object.entries(seen)) kernels.f64(fields[name].at, values.length).set(values);
+    if (recipe.any) kernels.f64(fields.ranges.at, seen.ranges.length).set(seen.ranges.map((range) => (range >= (1 - 1e-6) * recipe.any.own ? recipe.max_range : Math.min(range, recipe.max_range))));
     if (this.held) { // as a slower base would measure its twist: at the end of a control period, not in its mean
       const held = kernels.f64(this.held.at, 9);
       const twist = kernels.f64(fields.twist.at, body.axes.length);
@@ -224,6 +234,7 @@ class Network {
         ranges: { at: fields.ranges.at, shape: [1, seen.ranges.length] }, speeds: this.speeds, scales: this.fill_goal, max_range: recipe.max_range,
         pool: recipe.pool, ahead: recipe.ahead ? 1 : 0, angles: this.angles, out: part(inputs, 0, recipe.width - (recipe.posed || 0) - (recipe.bodied || 0)) });
     }
+    if (recipe.any) this.inHulls();
     if (recipe.bodied) {
       kernels.call("perception_fill_bodies", { bodies: { at: fields.bodies.at, shape: [1, seen.bodies.length / BODY, BODY] }, angles: this.angles,
         scales: this.fill_bodies, count: recipe.bodies, fronted: recipe.fronted ? 1 : 0, out: part(inputs, recipe.width - recipe.bodied, recipe.bodied) });
@@ -289,6 +300,25 @@ class Network {
     if (asked) return this.ended(this.added(asked, actions));
     this.wanted = this.meant(actions); // before the guard, for its overlay
     return this.ended(this.wanted);
+  }
+
+  // `RobotFeatures.observe`: the nearness of the ways ahead, s / (s + d), becomes w / (w + d), in single precision.
+  inHulls() {
+    const { recipe: { width, any: { way, range, count } }, inputs, simulator: { kernels } } = this;
+    const ahead = kernels.f32(inputs.at + 4 * (width - count), count);
+    const round = Math.fround;
+    ahead.forEach((each, k) => {
+      const near = round(round(way) * each);
+      ahead[k] = near / round(near + round(round(range) * round(1 - each)));
+    });
+  }
+
+  // The goal is a point that moves on with the robot: how long it has come no nearer is not counted.
+  led(distance) {
+    const { recipe, memory } = this;
+    if (!recipe.crumbs) return;
+    const first = 2 * recipe.previous + (recipe.trails ? 1 + 2 * recipe.trails : 0);
+    this.simulator.kernels.f32(memory.at + 4 * (first + 1), 3).set([distance, distance, 0]);
   }
 
   // `kept_pace`, of one robot: what it is late by is made up.
@@ -393,5 +423,74 @@ class Network {
     if (!shield) return found;
     kernels.f64(shield.values.twists.at, 3).set(found);
     return Array.from(shield.decide(3, { out: "twists", offset: 0 }));
+  }
+}
+
+// A planner above an agent: `Hybrid` of the package, and `AnyRobot`, whose planner drives by itself where the agent stands.
+class Planned {
+  constructor(simulator, recipe) {
+    Object.assign(this, { simulator, recipe });
+    const { alone } = recipe;
+    this.planner = new Law(simulator, { ...recipe.planner, look: recipe.look }, {});
+    this.eyes = Object.create(simulator); // sees a point of the way in place of the goal
+    this.agent = new Network(this.eyes, recipe, {});
+    this.goal = this.agent.doubles([0, 0]);
+    this.flag = this.agent.room(8, [1]);
+    if (alone) Object.assign(this, { behind: new Law(simulator, alone.behind, {}), least: Infinity, stood: 0, approached: 0 });
+  }
+
+  look(places) {
+    return this.planner.look(places);
+  }
+
+  act() {
+    const { planner, agent, recipe, simulator: { kernels, seen, body } } = this;
+    const { memory, "seen.poses": poses } = planner.values;
+    const own = Array.from(planner.decide(3, recipe.planner));
+    kernels.f64(this.goal.at, 2).set(seen.goal);
+    new Uint8Array(kernels.memory.buffer)[this.flag.at] = 0;
+    kernels.call("hybrid_lead", { memory, poses, ahead: recipe.lead, goals: { at: this.goal.at, shape: [1, 2] }, led: this.flag });
+    const led = new Uint8Array(kernels.memory.buffer)[this.flag.at] !== 0;
+    const [x, y] = kernels.f64(this.goal.at, 2);
+    if (led) agent.led(Math.sqrt(x * x + y * y));
+    this.eyes.seen = { ...seen, goal: Float64Array.of(x, y), waypoints_left: led ? seen.waypoints_left.map((left) => Math.max(left, 1)) : seen.waypoints_left };
+    const shield = recipe.alone && this.bytes(agent.shield).slice();
+    let twist = agent.act();
+    if (recipe.alone && this.byItself()) twist = this.byPlanner(own, shield);
+    const command = kernels.f64(memory.at + recipe.planner.offset, 3);
+    for (const axis of body.axes) command[axis] = twist[axis];
+    return twist;
+  }
+
+  bytes({ recipe, values: { memory } }) {
+    return new Uint8Array(this.simulator.kernels.memory.buffer, memory.at, recipe.arguments.find(({ name }) => name === "memory").size);
+  }
+
+  // The twist of the planner, behind a shield of its own that remembers what the agent's does.
+  byPlanner(own, before) {
+    const { simulator: { kernels, body }, behind, agent } = this;
+    this.bytes(behind).set(before);
+    kernels.f64(behind.values.twists.at, 3).set([0, 1, 2].map((axis) => (body.axes.includes(axis) ? own[axis] : 0)));
+    const twist = Array.from(behind.decide(3, { out: "twists", offset: 0 }));
+    this.bytes(agent.shield).set(this.bytes(behind));
+    return twist;
+  }
+
+  // `AnyRobot._by_planner`, of one robot.
+  byItself() {
+    const { simulator: { kernels, seen }, planner: { values }, recipe: { alone } } = this;
+    const { at } = values.memory;
+    const { fields } = alone;
+    kernels.call("stopping_find_approached", { ...values, poses: values["seen.poses"], ages: { at: at + fields.older_age[0], shape: [1] }, radius: alone.radius, found: this.flag });
+    this.approached = new Uint8Array(kernels.memory.buffer)[this.flag.at] ? this.approached + 1 : 0;
+    const number = ([offset, kind], k = 0) => Number(new KINDS[kind](kernels.memory.buffer, at + offset, k + 1)[k]);
+    const last = Math.max(number(fields.num_points) - 1, 0);
+    const [x, y] = seen.goal;
+    const left = last ? number(fields.arc, last) - number(fields.arc, number(fields.segment)) : Math.sqrt(x * x + y * y);
+    const made = left < this.least - alone.way;
+    if (made) this.least = left;
+    const begins = (made && this.stood <= alone.patience) || this.approached >= alone.approached;
+    this.stood = begins ? 0 : this.stood + alone.dt;
+    return this.stood > alone.patience;
   }
 }

@@ -50,7 +50,7 @@ class Race {
     this.sentence = el("p", {});
     this.number = el("select", { "aria-label": "challenge", on: { change: () => this.open(Number(this.number.value)) } });
     this.list();
-    const front = el("div", { class: "front" }, this.sentence, el("div", { class: "large" }, button("Race it", () => this.start()), button("Draw a path", () => this.draw()), button("Put things in its way", () => this.put())),
+    const front = el("div", { class: "front" }, this.sentence, el("div", { class: "large" }, button("Race it", () => this.start()), button("Draw a path", (event) => this.draw(!event.detail)), button("Put things in its way", (event) => this.put(!event.detail))),
       el("label", { class: "numbers" }, "challenge ", this.number));
     this.replay.app.before(front);
     new ResizeObserver(this.replay.place).observe(front);
@@ -116,18 +116,18 @@ class Race {
     this.drive.go();
   }
 
-  draw() {
+  draw(keys) {
     this.place(this.challenges[0]);
-    this.drive.editor.take("path");
+    this.drive.editor.take("path", keys);
   }
 
-  put() {
+  put(keys) {
     const { drive, replay } = this;
     if (replay.other || replay.world.path || !replay.world.goal) {
       this.place(replay.told.demo.free);
       drive.go();
     }
-    drive.editor.take("disc");
+    drive.editor.take("disc", keys);
   }
 
   // Who drives beside the hand: a trained network, and controllers.

@@ -13,6 +13,7 @@ function rmsOf(actor, step) {
 }
 
 const OUTCOMES = { success: "success", collision: "collision", left_corridor: "left the corridor", timeout: "time limit" };
+const NAMED = 6; // robots that are named in the picture, at most
 const PLAYBACK = 2; // times as fast as the robots
 
 class Replay {
@@ -37,7 +38,7 @@ class Replay {
 
   build() {
     this.canvas = el("canvas", { tabindex: "0", role: "application", "aria-label":
-      "Simulator. Space plays and pauses, left and right step, plus and minus change the speed, F follows the chosen robot." });
+      "Simulator. Space plays and pauses, left and right step, plus and minus change the speed, F follows the chosen robot, I and O zoom in and out." });
     this.view = new View(this.canvas);
     this.beside = el("canvas", { class: "beside", hidden: true, role: "img", "aria-label": "the other run at the same moment" });
     this.otherView = new View(this.beside);
@@ -110,11 +111,12 @@ class Replay {
 
   key(event) {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
+    if (this.edits && this.edits(event)) { event.preventDefault(); return; }
     if (this.driven && this.driven(event, true)) return;
     const keys = {
       " ": () => this.toggle(), ArrowLeft: () => this.stepBy(event.shiftKey ? -20 : -1), ArrowRight: () => this.stepBy(event.shiftKey ? 20 : 1),
       Home: () => this.seek(0), End: () => this.seek(this.last), "+": () => this.faster(1), "-": () => this.faster(-1),
-      f: () => this.follow(!this.follows),
+      f: () => this.follow(!this.follows), i: () => this.near(1.25), o: () => this.near(0.8),
     };
     if (!keys[event.key]) return;
     event.preventDefault();
@@ -129,6 +131,11 @@ class Replay {
   pace(rate) {
     this.rate = rate;
     this.rates.value = String(rate);
+  }
+
+  near(factor) {
+    this.view.zoomBy(factor);
+    this.refresh();
   }
 
   follow(on) {
@@ -301,6 +308,7 @@ class Replay {
     if (chosen && chosen.others && world.bodies) drawBodies(context, world, chosen, step, hull, pixel);
     for (const actor of actors) if (actor !== chosen) drawActor(context, actor, step, hull, pixel, false);
     if (chosen) drawActor(context, chosen, step, hull, pixel, true);
+    if (!this.other && actors.length > 1 && actors.length <= NAMED) drawNames(context, [...new Set([chosen, ...actors])].filter(Boolean), step, hull, pixel);
     return context;
   }
 

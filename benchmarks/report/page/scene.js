@@ -207,6 +207,28 @@ function drawActor(context, actor, k, hull, pixel, chosen) {
   context.globalAlpha = 1;
 }
 
+// Who is who, beside the robots, as far as they stand apart.
+function drawNames(context, actors, k, hull, pixel) {
+  const placed = [];
+  for (const { x, y, label, policy } of actors) {
+    const last = Math.min(k, x.length - 1);
+    const at = [x[last] / pixel, y[last] / pixel]; // in pixels
+    if (placed.some(([px, py]) => Math.abs(at[0] - px) < 70 && Math.abs(at[1] - py) < 18)) continue;
+    placed.push(at);
+    context.save();
+    context.translate(x[last], y[last]);
+    context.scale(pixel, -pixel);
+    context.font = "600 13px system-ui, sans-serif";
+    context.textAlign = "center";
+    context.lineWidth = 4;
+    context.strokeStyle = ink("--paper");
+    context.fillStyle = ink(colourName(policy));
+    const name = label.replace(/^(trained network|A\*|a friend) .*/, "$1").replace(/, .*/, "");
+    for (const how of ["strokeText", "fillText"]) context[how](name, 0, -hull / pixel - 6);
+    context.restore();
+  }
+}
+
 // The other bodies of the run of an actor: robots as large as it, and people, with the goals of the robots.
 function drawBodies(context, world, actor, k, hull, pixel) {
   context.lineWidth = 1.5 * pixel;

@@ -55,7 +55,8 @@ class Share {
     for (const field of ["sheet", "place"]) if (state[field] !== undefined) object(field, state[field]);
     if (state.step !== undefined && !Number.isInteger(state.step)) throw new Error(`step is ${JSON.stringify(state.step)}; it must be a whole number`);
     if (state.sheet !== undefined && drive.free) drive.adopt(state.sheet);
-    if (drive.free) known("robot", robotsOf(drive.kernels));
+    const { kind } = state.world || { kind: `${(state.place || {}).family}`.split(":")[0] };
+    if (drive.free) known("robot", robotsOf(drive.kernels, taskOf(drive.kernels, { kind })));
     const conditions = { actuators: drive.kernels.tables.tiers, disturbance: Object.keys(drive.kernels.tables.disturbances) };
     for (const [field, options] of Object.entries(conditions)) known(field, options);
     if (state.embed !== undefined && !EMBEDS.includes(state.embed)) throw new Error(`embed is ${JSON.stringify(state.embed)}; it must be one of ${EMBEDS.join(", ")}`);

@@ -42,6 +42,7 @@ class Simulator {
     this.random = normals(seed);
     this.begun = kernels.mark();
     this.constants = new Map();
+    this.smooth = {};
     this.crowd = Boolean(world.walks); // whether there are others: robots, each with a goal of its own, and people
     this.team = 1 + (world.starts || []).length;
     this.alive = new Array(this.team).fill(true);
@@ -65,12 +66,7 @@ class Simulator {
     this.columns = POSE_COLUMNS + this.beams * (disturbance.drops ? 2 : 1) + (tables.tracks || 0);
     this.state = new Records(kernels, tables.state, team);
     this.course = new Records(kernels, tables.course, team);
-    const field = (values, name) => {
-      const records = new Records(kernels, kernels.tables.records[name], values.length);
-      const names = Object.keys(records.layout.fields);
-      values.forEach((value, k) => names.forEach((each, j) => records.set(each, value[j], k)));
-      return records.array;
-    };
+    const field = (values, name) => this.field(values, name);
     const actions = this.body.axes.length;
     this.late = (kernels.tables.lates || {})[`${this.robot} ${this.actuators}`]; // of a base that answers late
     const columns = actions + (this.late ? this.late.requested : 0);
@@ -93,10 +89,18 @@ class Simulator {
     const draws = Array.from({ length: count * team }, (_, k) => (world.draws && k < Math.min(count, world.draws.length) ? world.draws[k] : k % count > tables.draws ? this.random.uniform() : 0.5));
     draws[0] = 0;
     this.arrays.draws = { ...memory(draws, Float64Array), shape: [team, count] };
-    if (world.kind === "path") this.layPath(field);
+    if (world.kind === "path") this.layPath();
     else this.layGoals(field, memory);
     if (this.crowd) this.layBodies(field, memory, room);
     this.asked = Array.from({ length: disturbance.delay }, () => this.alive.map(() => new Array(actions).fill(0)));
+  }
+
+  // Records of a kind, each given by its numbers in order.
+  field(values, name) {
+    const records = new Records(this.kernels, this.kernels.tables.records[name], values.length);
+    const names = Object.keys(records.layout.fields);
+    values.forEach((value, k) => names.forEach((each, j) => records.set(each, value[j], k)));
+    return records.array;
   }
 
   // Where a constant of the tables lies, once for all robots.
@@ -165,9 +169,23 @@ class Simulator {
     arrays.beams = { at: kernels.put(kernels.blob(tables.directions)), shape: [2, this.beams] };
   }
 
-  layPath(field) {
-    const { kernels, world, course, arrays } = this;
-    const ring = world.closed ? [...world.path, world.path[0]] : world.path;
+  layPath() {
+    const { world, course, arrays } = this;
+    const { ring, lap, vertices, runs } = this.courseOf(world.path, world.closed);
+    Object.assign(arrays, { vertices, runs });
+    const first = [...world.path[0], this.bearings([ring[1][1] - ring[0][1]], [ring[1][0] - ring[0][0]])[0]];
+    course.set("finish", world.laps ? world.laps * lap : Infinity);
+    course.set("per_metre", 1 / (Math.max(world.laps, 1) * lap));
+    course.set("corridor", world.corridor);
+    course.set("start", world.start || first);
+    course.set("start_offset", world.start_offset);
+    course.set("start_turn", world.start_turn);
+  }
+
+  // The records of a path, and its points with the first one again at the end of a closed one.
+  courseOf(points, closed) {
+    const { kernels } = this;
+    const ring = closed ? [...points, points[0]] : points;
     const n = ring.length;
     const [dx, dy, length] = [new Float64Array(n - 1), new Float64Array(n - 1), new Float64Array(n - 1)];
     const s = new Float64Array(n);
@@ -179,23 +197,38 @@ class Simulator {
     }
     const unit = (k) => [dx[Math.min(k, n - 2)] / length[Math.min(k, n - 2)], dy[Math.min(k, n - 2)] / length[Math.min(k, n - 2)]];
     const headings = this.bearings(ring.map((_, k) => unit(k)[1]), ring.map((_, k) => unit(k)[0]));
-    arrays.vertices = field(ring.map(([x, y], k) => [x, y, s[k], ...unit(k), headings[k]]), "vertex");
+    const vertices = this.field(ring.map(([x, y], k) => [x, y, s[k], ...unit(k), headings[k]]), "vertex");
     const lap = s[n - 1];
     const even = lap / (n - 1);
     let off = 0;
     for (let k = 0; k < n; k++) off = Math.max(off, Math.abs(s[k] - (k === n - 1 ? lap : k * even)));
     const perMetre = off < (n === 2 ? lap : even) ? (n - 1) / lap : 0;
     const records = new Records(kernels, kernels.tables.records.run, 1);
-    const run = { first: 0, segments: n - 1, closed: world.closed ? 1 : 0, length: lap, per_metre: perMetre };
+    const run = { first: 0, segments: n - 1, closed: closed ? 1 : 0, length: lap, per_metre: perMetre };
     for (const [name, value] of Object.entries(run)) records.set(name, value);
-    arrays.runs = records.array;
-    const first = [...world.path[0], this.bearings([ring[1][1] - ring[0][1]], [ring[1][0] - ring[0][0]])[0]];
-    course.set("finish", world.laps ? world.laps * lap : Infinity);
-    course.set("per_metre", 1 / (Math.max(world.laps, 1) * lap));
-    course.set("corridor", world.corridor);
-    course.set("start", world.start || first);
-    course.set("start_offset", world.start_offset);
-    course.set("start_turn", world.start_turn);
+    return { ring, lap, vertices, runs: records.array };
+  }
+
+  // The path as laws drive it, without its wiggles, and where on it a place of the path as it is lies: `smoothed` of the package.
+  smoothed(endsOnly) {
+    if (this.smooth[endsOnly]) return this.smooth[endsOnly];
+    const { kernels, arrays, world: { closed } } = this;
+    const { vertices } = arrays;
+    const records = Object.assign(Object.create(Records.prototype), { kernels, layout: kernels.tables.records.vertex, at: vertices.at });
+    const points = Array.from({ length: vertices.shape[0] }, (_, k) => ["x", "y", "s"].map((name) => records.get(name, k)));
+    const put = (rows) => ({ at: kernels.put(new Uint8Array(new Float64Array(rows.flat()).buffer)), shape: [rows.length, 3] });
+    const most = 64 + 16 * points.length;
+    const mark = kernels.mark();
+    const out = { at: kernels.room(24 * most), shape: [most, 3] };
+    kernels.call("smooth_course", { points: put(points), closed: closed ? 1 : 0, ends_only: endsOnly ? 1 : 0, out });
+    const count = kernels.f64(out.at, 1)[0];
+    if (count >= most) throw new Error("the path has too many wiggles for the page");
+    const rows = Array.from({ length: count }, (_, k) => Array.from(kernels.f64(out.at + 24 * (k + 1), 3)));
+    kernels.release(mark);
+    const column = (values) => ({ at: kernels.put(new Uint8Array(new Float64Array(values).buffer)), shape: [values.length] });
+    const course = this.courseOf(rows.slice(0, closed ? -1 : undefined).map(([x, y]) => [x, y]), closed);
+    this.smooth[endsOnly] = { vertices: course.vertices, runs: course.runs, given: column(rows.map((row) => row[2])), laps: column([points[points.length - 1][2]]) };
+    return this.smooth[endsOnly];
   }
 
   bearings(y, x) {
