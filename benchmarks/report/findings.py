@@ -255,7 +255,7 @@ def _small(
         note += f" {left} more in the full table."
     if any(each.away for each in shown):
         note += f" {OFF_PACE}: more than {100.0 * PACE_TOLERANCE:.0f} % off the target speed of {contest.pace:g} m/s; "
-        note += "a lower error counts only at the same speed or faster."
+        note += "driving slower makes errors smaller."
     return Table(f"{contest.title}, {robot}", [*header, "inputs"], lines, note)
 
 

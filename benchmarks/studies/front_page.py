@@ -97,8 +97,8 @@ _TASKS: tuple[tuple[str, str, str, str, str, str, Mapping[str, str]], ...] = (
 CROWDS = {  # of the parts those of equal inputs, and in the crowds of others, as README calls them
     "in the open, lidar only": "with teams in the open",
     "at doors and in rooms, lidar only": "with teams at doors and in rooms",
-    "on CrowdNav's test cases": "on CrowdNav's test cases",
-    "in AttnGraph's crowd": "in AttnGraph's crowd",
+    "on CrowdNav's test cases": "among five pedestrians (CrowdNav)",
+    "in AttnGraph's crowd": "in a crowd of 20 (AttnGraph)",
 }
 TASKS = len(_TASKS) + 1
 _SECTIONS = ("path-following", "goal-obstacles-claims", "docking-claims")  # whose rows these are
@@ -269,8 +269,7 @@ def _clause(panel: Panel, match: Match) -> tuple[str, str, str]:
         numbers += ", at {:.2f} vs. {:.2f} m/s".format(*speeds[::turned])
     words = {
         EQUIVALENT: f"{{}} and {{}} are equivalent in {of} {{place}}",
-        OPEN: "{} and {} tie {place}",
-        **dict.fromkeys((AHEAD, BEHIND), "{} is ahead of {} {place}, but not significantly"),
+        **dict.fromkeys((OPEN, AHEAD, BEHIND), "{} and {} tie {place}"),
     }.get(match.outcome, win)
     place = f"on {match.where}" if "{where}" not in words and panel.unit == "mm" else match.where
     return words.format(*names, where="{}", place="{}"), place, numbers
@@ -313,7 +312,7 @@ def figure(found: Sequence[Panel]) -> bytes:
         for axes, panel in zip(drawn.subplots(2, 2).flat, found, strict=False):
             _draw(axes, panel)
         keys = [
-            Patch(color=CONTROLLER, label="best controller with the same inputs"),
+            Patch(color=CONTROLLER, label="best controller without a map"),
             Patch(color=AGENT, label="best trained agent"),
         ]
         drawn.legend(handles=keys, loc="lower center", ncols=2, fontsize=16)
