@@ -264,8 +264,8 @@ def _index(kept: Kept) -> str:
         "Every policy meets the same scenarios, starts and disturbances. `default` are the gains of the policy's file, "
         "`tuned` those found by search for the condition that they are shown in, `robust` those found under "
         "disturbances, `hand-tuned` those chosen by comparison, without a record of a search, `paper` those of the "
-        "publication, `trained` all seeds of the agents that ship. Brackets are 95 % intervals. What the columns mean "
-        "is in [evaluate.md](evaluate.md).",
+        "publication, `trained` all seeds of the agents that ship. Brackets are 95 % intervals. The columns are "
+        "explained in [columns.md](columns.md).",
         f"{READING} {_covered(kept, 'results/')}".strip(),
     ]
     missing = [section for section in SECTIONS if section.name not in there]
