@@ -10,6 +10,7 @@ from wayfield.envs.tasks.sheets import sheet_like
 from wayfield.envs.tasks.specs import CROWDS
 from wayfield.envs.team_worlds import TeamArguments, Teams
 from wayfield.envs.teams import DiffDriveTeam, OmniTeam, TeamVectorEnv
+from wayfield.envs.vector import vector_of
 
 ALL = "people"  # the name of all families
 
@@ -60,11 +61,7 @@ class OmniPeople(OmniTeam):
     asks = AmongPeople
 
 
-class OmniPeopleVector(TeamVectorEnv):
-    """Many `OmniPeople` worlds stepped by one compiled call; the same keyword arguments."""
-
-    def __init__(self, num_envs: int = 1, **kwargs: Any) -> None:
-        super().__init__(OmniPeople, num_envs, **kwargs)
+OmniPeopleVector = vector_of(OmniPeople, TeamVectorEnv)
 
 
 class DiffDrivePeople(OmniPeople):
@@ -85,8 +82,4 @@ class DiffDrivePeople(OmniPeople):
     robots = DiffDriveTeam.robots
 
 
-class DiffDrivePeopleVector(TeamVectorEnv):
-    """Many `DiffDrivePeople` worlds stepped by one compiled call; the same keyword arguments."""
-
-    def __init__(self, num_envs: int = 1, **kwargs: Any) -> None:
-        super().__init__(DiffDrivePeople, num_envs, **kwargs)
+DiffDrivePeopleVector = vector_of(DiffDrivePeople, TeamVectorEnv)

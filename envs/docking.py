@@ -11,7 +11,7 @@ from wayfield.envs.goal_reaching import DiffDriveGoalObstacles, GoalArguments, G
 from wayfield.envs.scenarios import TASKS
 from wayfield.envs.tasks.arguments import argument, told
 from wayfield.envs.tasks.sheets import sheet_like
-from wayfield.envs.vector import NativeVectorEnv
+from wayfield.envs.vector import vector_of
 
 _LEAST_FRAME = 3.0  # m
 
@@ -96,11 +96,7 @@ class OmniDocking(OmniGoalObstacles):
     asks = Docking
 
 
-class OmniDockingVector(NativeVectorEnv):
-    """Many `OmniDocking` robots stepped by one compiled call; the same keyword arguments."""
-
-    def __init__(self, num_envs: int = 1, **kwargs: Any) -> None:
-        super().__init__(OmniDocking, num_envs, **kwargs)
+OmniDockingVector = vector_of(OmniDocking)
 
 
 class DiffDriveDocking(OmniDocking):
@@ -124,8 +120,4 @@ class DiffDriveDocking(OmniDocking):
     robots = DiffDriveGoalObstacles.robots
 
 
-class DiffDriveDockingVector(NativeVectorEnv):
-    """Many `DiffDriveDocking` robots stepped by one compiled call; the same keyword arguments."""
-
-    def __init__(self, num_envs: int = 1, **kwargs: Any) -> None:
-        super().__init__(DiffDriveDocking, num_envs, **kwargs)
+DiffDriveDockingVector = vector_of(DiffDriveDocking)

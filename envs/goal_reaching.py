@@ -37,7 +37,7 @@ from wayfield.envs.tasks.stepping import (
     write_motion,
 )
 from wayfield.envs.tasks.task import Options, Task
-from wayfield.envs.vector import NativeVectorEnv
+from wayfield.envs.vector import vector_of
 from wayfield.envs.world.blocks import in_blocks
 from wayfield.envs.world.geometry import OBSTACLE, corners_of, surroundings
 from wayfield.envs.world.grid_scans import SCRATCH, WORDS, scan_grids
@@ -633,11 +633,7 @@ class OmniGoalObstacles(SingleEnv):
     robots = robots_with(holonomic=True)
 
 
-class OmniGoalObstaclesVector(NativeVectorEnv):
-    """Many `OmniGoalObstacles` robots stepped by one compiled call; the same keyword arguments."""
-
-    def __init__(self, num_envs: int = 1, **kwargs: Any) -> None:
-        super().__init__(OmniGoalObstacles, num_envs, **kwargs)
+OmniGoalObstaclesVector = vector_of(OmniGoalObstacles)
 
 
 class DiffDriveGoalObstacles(OmniGoalObstacles):
@@ -676,8 +672,4 @@ class DiffDriveGoalObstacles(OmniGoalObstacles):
     robots = robots_with(holonomic=False)
 
 
-class DiffDriveGoalObstaclesVector(NativeVectorEnv):
-    """Many `DiffDriveGoalObstacles` robots stepped by one compiled call; the same keyword arguments."""
-
-    def __init__(self, num_envs: int = 1, **kwargs: Any) -> None:
-        super().__init__(DiffDriveGoalObstacles, num_envs, **kwargs)
+DiffDriveGoalObstaclesVector = vector_of(DiffDriveGoalObstacles)

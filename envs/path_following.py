@@ -37,7 +37,7 @@ from wayfield.envs.tasks.stepping import (
     write_motion,
 )
 from wayfield.envs.tasks.task import Options, Task
-from wayfield.envs.vector import NativeVectorEnv
+from wayfield.envs.vector import vector_of
 from wayfield.envs.world.grids import NO_GRIDS
 from wayfield.envs.world.paths import PathPool, along_lap, nearest_ahead, vertex, walk_to
 from wayfield.system.checks import FINEST, MOST_GAIN, SHORTEST, number, positive, whole
@@ -480,11 +480,7 @@ class DiffDrivePathFollowing(SingleEnv):
     robots = robots_with(holonomic=False)
 
 
-class DiffDrivePathFollowingVector(NativeVectorEnv):
-    """Many `DiffDrivePathFollowing` robots stepped by one compiled call; the same keyword arguments."""
-
-    def __init__(self, num_envs: int = 1, **kwargs: Any) -> None:
-        super().__init__(DiffDrivePathFollowing, num_envs, **kwargs)
+DiffDrivePathFollowingVector = vector_of(DiffDrivePathFollowing)
 
 
 class OmniPathFollowing(DiffDrivePathFollowing):
@@ -525,8 +521,4 @@ class OmniPathFollowing(DiffDrivePathFollowing):
     robots = robots_with(holonomic=True)
 
 
-class OmniPathFollowingVector(NativeVectorEnv):
-    """Many `OmniPathFollowing` robots stepped by one compiled call; the same keyword arguments."""
-
-    def __init__(self, num_envs: int = 1, **kwargs: Any) -> None:
-        super().__init__(OmniPathFollowing, num_envs, **kwargs)
+OmniPathFollowingVector = vector_of(OmniPathFollowing)

@@ -17,7 +17,7 @@ from wayfield.envs.single import SingleEnv
 from wayfield.envs.tasks.arguments import told
 from wayfield.envs.tasks.sheets import DIFF_DRIVE_ACTIONS, OMNI_ACTIONS, sheet_like
 from wayfield.envs.team_worlds import TeamArguments, Teams
-from wayfield.envs.vector import NativeVectorEnv, Seeds
+from wayfield.envs.vector import NativeVectorEnv, Seeds, vector_of
 from wayfield.system.checks import seed as check_seed
 
 _MOST_TRAILS = 32  # robots whose ways are drawn
@@ -278,11 +278,7 @@ class TeamVectorEnv(NativeVectorEnv):
             return results.observations, rewards, terminated, truncated, info
         rows = np.flatnonzero(over)
         if len(rows):
-            final_obs = np.full(self.num_envs, None, dtype=object)
-            for i in rows.tolist():
-                final_obs[i] = results.observations[i].copy()
-            info["final_obs"], info["_final_obs"] = final_obs, over
-            info["final_info"], info["_final_info"] = self._info(results, over), over.copy()
+            info |= self._last_of(over, results)
             rewards, terminated = rewards.copy(), terminated.copy()
             waiting.begin(rows, results)
         return results.observations, rewards, terminated, truncated, info
@@ -346,11 +342,7 @@ class OmniTeam(TeamEnv):
     robots = robots_with(holonomic=True)
 
 
-class OmniTeamVector(TeamVectorEnv):
-    """Worlds of `OmniTeam` robots stepped by one compiled call; the same keyword arguments."""
-
-    def __init__(self, num_envs: int = 1, **kwargs: Any) -> None:
-        super().__init__(OmniTeam, num_envs, **kwargs)
+OmniTeamVector = vector_of(OmniTeam, TeamVectorEnv)
 
 
 class DiffDriveTeam(OmniTeam):
@@ -366,8 +358,4 @@ class DiffDriveTeam(OmniTeam):
     robots = robots_with(holonomic=False)
 
 
-class DiffDriveTeamVector(TeamVectorEnv):
-    """Worlds of `DiffDriveTeam` robots stepped by one compiled call; the same keyword arguments."""
-
-    def __init__(self, num_envs: int = 1, **kwargs: Any) -> None:
-        super().__init__(DiffDriveTeam, num_envs, **kwargs)
+DiffDriveTeamVector = vector_of(DiffDriveTeam, TeamVectorEnv)

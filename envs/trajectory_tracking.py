@@ -49,7 +49,7 @@ from wayfield.envs.tasks.stepping import (
     write_motion,
 )
 from wayfield.envs.tasks.task import Options
-from wayfield.envs.vector import NativeVectorEnv
+from wayfield.envs.vector import vector_of
 from wayfield.envs.world.grids import NO_GRIDS
 from wayfield.envs.world.paths import PathPool
 from wayfield.system.checks import FINEST, MOST_GAIN, choose, number, positive, whole
@@ -532,11 +532,7 @@ class DiffDriveTrajectoryTracking(SingleEnv):
     robots = robots_with(holonomic=False)
 
 
-class DiffDriveTrajectoryTrackingVector(NativeVectorEnv):
-    """Many `DiffDriveTrajectoryTracking` robots stepped by one compiled call; the same keyword arguments."""
-
-    def __init__(self, num_envs: int = 1, **kwargs: Any) -> None:
-        super().__init__(DiffDriveTrajectoryTracking, num_envs, **kwargs)
+DiffDriveTrajectoryTrackingVector = vector_of(DiffDriveTrajectoryTracking)
 
 
 class OmniTrajectoryTracking(DiffDriveTrajectoryTracking):
@@ -580,8 +576,4 @@ class OmniTrajectoryTracking(DiffDriveTrajectoryTracking):
     robots = robots_with(holonomic=True)
 
 
-class OmniTrajectoryTrackingVector(NativeVectorEnv):
-    """Many `OmniTrajectoryTracking` robots stepped by one compiled call; the same keyword arguments."""
-
-    def __init__(self, num_envs: int = 1, **kwargs: Any) -> None:
-        super().__init__(OmniTrajectoryTracking, num_envs, **kwargs)
+OmniTrajectoryTrackingVector = vector_of(OmniTrajectoryTracking)

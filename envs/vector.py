@@ -170,14 +170,18 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             return results.observations, rewards, terminated, truncated, info
         rows = np.flatnonzero(ended)
         if len(rows):
-            final_obs = np.full(self.num_envs, None, dtype=object)
-            for i in rows.tolist():
-                final_obs[i] = results.observations[i].copy()
-            info["final_obs"], info["_final_obs"] = final_obs, ended
-            info["final_info"], info["_final_info"] = self._info(results, ended), ended.copy()
+            info |= self._last_of(ended, results)
             rewards, terminated = rewards.copy(), terminated.copy()
             batch.reset(rows, self._generators, results)
         return results.observations, rewards, terminated, truncated, info
+
+    def _last_of(self, ended: NDArray[np.bool_], results: Results) -> dict[str, Any]:
+        """Returns what the robots that have ended saw last and what was told of them, under Gymnasium's names."""
+        seen = np.full(self.num_envs, None, dtype=object)
+        for i in np.flatnonzero(ended).tolist():
+            seen[i] = results.observations[i].copy()
+        told = {"final_info": self._info(results, ended), "_final_info": ended.copy()}
+        return {"final_obs": seen, "_final_obs": ended} | told
 
     def _meanwhile(self, ended: NDArray[np.bool_], results: Results, info: dict[str, Any]) -> None:
         """Resets the robots that have ended and fills the info, whose arrays others may still be writing."""
@@ -224,3 +228,15 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             info[name] = values if mask is None else chosen(told, values, np.zeros_like(values))
             info[f"_{name}"] = told
         return info
+
+
+def vector_of(single: type[SingleEnv], shell: type[NativeVectorEnv] = NativeVectorEnv) -> type[NativeVectorEnv]:
+    """Returns the registered class of many robots of a class, whose name is that with "Vector" behind it."""
+
+    def __init__(self: NativeVectorEnv, num_envs: int = 1, **kwargs: Any) -> None:
+        shell.__init__(self, single, num_envs, **kwargs)
+
+    name = f"{single.__name__}Vector"
+    about = f"Many `{single.__name__}` robots stepped by one compiled call; the same keyword arguments."
+    members = {"__init__": __init__, "__doc__": about, "__module__": single.__module__, "__qualname__": name}
+    return type(name, (shell,), members)
