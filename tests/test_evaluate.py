@@ -98,7 +98,7 @@ def test_rows_are_complete_and_agree_with_the_trajectories(lookahead):
         again = measure(trajectories[row["trajectory"]], None if math.isnan(radius) else radius)
         for name, value in again.items():
             assert row[name] == pytest.approx(value, nan_ok=True), name
-        assert math.isnan(row["cross_track_rms"]) == (row["document"] != "A")
+        assert math.isnan(row["cross_track_rms"]) == (row["contest"] != "A")
 
 
 def test_a_second_run_gives_the_same_rows_and_figures_of_them(lookahead, tmp_path):
@@ -129,10 +129,10 @@ def test_a_second_run_gives_the_same_rows_and_figures_of_them(lookahead, tmp_pat
 )
 def test_reference_solutions_are_met(lookahead, experiment, policy, tolerance):
     rows = read_rows(lookahead[0])
-    cases = [case for case in documents() if (case.experiment, case.policy) == (experiment, policy)]
+    cases = [case for case in documents() if (case.family, case.policy) == (experiment, policy)]
     assert cases
     for case in cases:
-        (row,) = [row for row in rows if (row["experiment"], row["gains"]) == (experiment, case.gains_text)]
+        (row,) = [row for row in rows if (row["family"], row["gains"]) == (experiment, case.gains_text)]
         for name, figure in case.reference.items():
             assert row[name] == pytest.approx(figure, rel=tolerance), name
 
@@ -168,6 +168,7 @@ def test_a_path_of_ones_own(bend, tmp_path):
     assert by_policy["zero", "kinematic"]["timeout"] == 1.0
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("option", ["--path", "--scenarios"])
 def test_a_short_table_shows_all_policies_that_are_named(option, bend, tmp_path):
     names = ("pure_pursuit", "regulated_pure_pursuit", "stanley", "lqr", "mpc", "lookahead_retuned", "polar")
@@ -205,7 +206,7 @@ def test_a_goal_scenario_of_ones_own(goal, tmp_path):
         *[("scan_planner", 1.0)] * 2,
         *[("zero", 0.0)] * 2,
     ]
-    assert {row["experiment"] for row in rows} == {"gööl"}
+    assert {row["family"] for row in rows} == {"gööl"}
     assert "Goal: gööl" in result.stdout
     # twice the distance in a straight line is long enough a clock for who drives, and ends who does not
     assert rows[2]["time"] >= 2.0 / 0.25
@@ -237,7 +238,7 @@ def test_a_name_that_is_no_text_is_shown_as_it_can(goal, tmp_path):
     odd.write_bytes(goal.read_bytes())
     result = evaluate("--path", odd, "--policies", "scan_planner", "--dynamics", "kinematic", "--out", tmp_path / "out")
     assert result.exit_code == 0, result.output
-    assert {row["experiment"] for row in read_rows(tmp_path / "out")} == {r"g\xf6l"}
+    assert {row["family"] for row in read_rows(tmp_path / "out")} == {r"g\xf6l"}
 
 
 @pytest.mark.usefixtures("undrawn")

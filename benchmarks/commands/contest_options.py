@@ -429,7 +429,7 @@ class Options:
         limits = [limit for limit in (there, most, self.episodes) if limit is not None]
         count = len(members) or ((self.episodes or 1) if there is None else min(limits))
         for case in cases:
-            first = seed_of(self.seed, case.split, case.experiment)
+            first = seed_of(self.seed, case.split, case.family)
             yield Setting(self.wanted, case, plant, self.tier, first, count, KEPT[self.keep or "worst"], members)
 
 

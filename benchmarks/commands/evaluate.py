@@ -345,8 +345,8 @@ def run_path(options: Options) -> None:
     if hopeless:  # before hours of driving
         say(f"evaluate: {hopeless}", err=True)
     differing = options.differing("kinematic", "lagged")
-    folder = options.folder(cases[0].document, {"file": Path(options.path).stem} | differing)
-    shown, [(sentence, table)] = _run_cases(options, cases[0].document, cases, folder)
+    folder = options.folder(cases[0].contest, {"file": Path(options.path).stem} | differing)
+    shown, [(sentence, table)] = _run_cases(options, cases[0].contest, cases, folder)
     _tell(options, shown, [(f"{hopeless}. {sentence}" if hopeless else sentence, table)], folder)
 
 
@@ -516,7 +516,7 @@ def _cases_section(
     from wayfield.benchmarks.figures.document_figures import draw, stem_of, wanted_figures  # which takes a second
 
     settings = _settings_of(options, name, cases)
-    kinds = dict.fromkeys(stem_of(case.document) for case in cases)
+    kinds = dict.fromkeys(stem_of(case.contest) for case in cases)
     films = ("video/*.mp4",) if options.video else ()
     figures = [f"{kind}_*.{suffix}" for kind in kinds for suffix in ("svg", "png")]
     this = Run(name, options.command, (*figures, *films))

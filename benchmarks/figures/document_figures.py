@@ -40,21 +40,21 @@ def draw(wanted: tuple[Path, str, str]) -> None:
     The first episode of a case stands for it, and the first plant of the run; the tables compare the plants.
     """
     folder, document, name = wanted
-    rows = read_rows(folder).where(document=document)
+    rows = read_rows(folder).where(contest=document)
     rows = rows.where(episode=0, dynamics=rows[0]["dynamics"])
     # the floor is shown only where there are no controllers
     rows = rows.where(policy=set(rows.unique("policy")) - {*_FLOOR}) or rows
     trajectories = read_trajectories(folder, set(rows["trajectory"]))
     experiments: dict[str, list[Run]] = {}
     for row in rows:
-        experiments.setdefault(row["experiment"], []).append((row, trajectories[row["trajectory"]]))
+        experiments.setdefault(row["family"], []).append((row, trajectories[row["trajectory"]]))
     stem = f"{stem_of(document)}_{name}"
     saved(lambda: figures_of(document)[name](experiments), folder / stem)
 
 
 def wanted_figures(folder: Path, rows: Episodes) -> list[tuple[Path, str, str]]:
     """Returns the arguments of `draw` for every figure of the rows of a run."""
-    return [(folder, document, name) for document in rows.unique("document")
+    return [(folder, document, name) for document in rows.unique("contest")
             for name in figures_of(document)]  # fmt: skip
 
 

@@ -45,7 +45,7 @@ def _film(folder: Path, case: Case, dynamics: str, actuators: str, seed: int) ->
         actuators=actuators,
         **case.env_kwargs,
     )
-    name = "-".join(re.findall(r"[\w.]+", f"{case.document} {case.experiment} {case.policy} {case.gains_text}"))
+    name = "-".join(re.findall(r"[\w.]+", f"{case.contest} {case.family} {case.policy} {case.gains_text}"))
     drive = Drive(env, make_policy(case, seed))
     drive.begin(seed, None)
     folder.mkdir(parents=True, exist_ok=True)

@@ -102,7 +102,7 @@ class Compared:
 def document_tables(rows: Episodes, cases: Iterable[Case]) -> list[Table]:
     """Returns a table for each document that the rows hold, and where there is one, what was compared and not met."""
     known = {case.key: case for case in cases}
-    found = [_table(document, mine, known) for document, mine in rows.groups("document").items()]
+    found = [_table(document, mine, known) for document, mine in rows.groups("contest").items()]
     shown = [each for each in compared(rows, known.values()) if each.printed or not each.met]
     return [*found, _agreement_table(shown)] if shown else found
 
@@ -111,7 +111,7 @@ def compared(rows: Episodes, cases: Iterable[Case]) -> list[Compared]:
     """Returns every figure of ours that a document prints, or that its equations have a reference solution for."""
     known = {case.key: case for case in cases}
     found = []
-    for (document, experiment, policy, gains, dynamics, _), group in _groups(rows, "document").items():
+    for (document, experiment, policy, gains, dynamics, _), group in _groups(rows, "contest").items():
         case = known.get((document, experiment, policy, gains))
         if case is None:
             continue
@@ -130,16 +130,16 @@ def reproduced(rows: Episodes, cases: Iterable[Case]) -> tuple[str, Table]:
     known = list(cases)
     found = compared(rows, known)
     lines = []
-    for document in dict.fromkeys(each.case.document for each in found):
-        prints = any(case.published for case in known if case.document == document)
-        of_document = [each for each in found if each.case.document == document]
+    for document in dict.fromkeys(each.case.contest for each in found):
+        prints = any(case.published for case in known if case.contest == document)
+        of_document = [each for each in found if each.case.contest == document]
         for plant in dict.fromkeys(each.dynamics for each in of_document):
             here = [each for each in of_document if each.dynamics == plant]
             of_equations = [each for each in here if not each.printed]
             median = f"{100.0 * statistics.median(each.off for each in of_equations):.1f} %" if of_equations else ""
             of_print = _share_met([each for each in here if each.printed]) if prints else "prints none"
             lines.append([document, plant, _share_met(of_equations), median, of_print])
-    names = "; ".join(f"{key} = {TITLES[key].partition(': ')[2]}" for key in rows.unique("document") if key in TITLES)
+    names = "; ".join(f"{key} = {TITLES[key].partition(': ')[2]}" for key in rows.unique("contest") if key in TITLES)
     sentence = f"The documents: {names}. {agreement(found)}" if found else f"The documents: {names}; {len(rows)} runs."
     header = ["document", "plant", "reference met", "median off", "printed met"]
     return sentence, Table("The three documents", header, lines, "")
@@ -166,13 +166,13 @@ def _agreement_table(found: Sequence[Compared]) -> Table:
     lines = []
     for each in found:
         case = each.case
-        column = next(column for column in _COLUMNS[case.document] if each.metric in column.metrics)
+        column = next(column for column in _COLUMNS[case.contest] if each.metric in column.metrics)
         unit = column.header.partition("(")[2].rstrip(")")
         name = f"{each.metric.replace('_', ' ')} ({unit})"
         ours = "never" if math.isnan(each.ours) else _fixed(column.factor * each.ours, column.decimals + 1)
         kind = f"printed, {case.source}" if each.printed else "reference"
         off = _off(each.off)
-        place = f"{case.document}, {case.experiment}, {each.dynamics}"
+        place = f"{case.contest}, {case.family}, {each.dynamics}"
         theirs = _published(column, each.figure)
         lines.append([kind, place, f"{case.policy} {case.gains_text}".strip(), name, theirs, ours, off])
     note = (
@@ -211,10 +211,10 @@ def ranked(rows: Episodes) -> tuple[str, Table]:
     won = f"{first['policy']} does best: {name.split(' (')[0]} {cost(first):.{decimals}f} {name.split('(')[1][:-1]}"
     if first["success"] != 1.0:
         won = "No policy succeeds"
-    met = f"{rows[0]['experiment']}: {len(rows) // plants} policies, one scenario, {rows[0]['actuators']} actuators."
+    met = f"{rows[0]['family']}: {len(rows) // plants} policies, one scenario, {rows[0]['actuators']} actuators."
     sentence = f"{met} {won}; one run each, so without an interval."
     header = ["policy", "plant", "outcome", name, "speed (m/s)", "inputs"]
-    return sentence, Table(str(rows[0]["experiment"]), header, lines, "")
+    return sentence, Table(str(rows[0]["family"]), header, lines, "")
 
 
 CLOSE = 0.05  # relative deviation of a figure that counts as met
@@ -222,7 +222,7 @@ CLOSE = 0.05  # relative deviation of a figure that counts as met
 
 def _groups(rows: Episodes, *above: str) -> dict[tuple[str, ...], Episodes]:
     """Returns the episodes of each line of a document's table."""
-    return rows.groups(*above, "experiment", "policy", "gains", "dynamics", "actuators")
+    return rows.groups(*above, "family", "policy", "gains", "dynamics", "actuators")
 
 
 def _shown(document: str) -> tuple[tuple[Column, ...], str]:
@@ -256,7 +256,7 @@ def _table(document: str, rows: Episodes, cases: Mapping[tuple[str, str, str, st
             "print, or a mean that it prints in the table named; off by is the largest deviation. " + note
         )
     return Table(
-        TITLES.get(document, f"{document.title()}: {rows[0]['experiment']}"),
+        TITLES.get(document, f"{document.title()}: {rows[0]['family']}"),
         [header[i] for i in filled],
         [[line[i] for i in filled] for line in lines],
         note,

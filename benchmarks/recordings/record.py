@@ -391,7 +391,7 @@ def _write(
             case = source.case
             of_set = scenarios.index(case.scenario) * SPLITS[conditions.split] + episode.start.scenario
             episode = dataclasses.replace(episode, start=Start(episode.start.seed, of_set))
-            metadata: dict[str, Any] = {"policy": case.policy, "gains_name": case.gains_name, "family": case.experiment}
+            metadata: dict[str, Any] = {"policy": case.policy, "gains_name": case.gains_name, "family": case.family}
             metadata |= {"split": case.split, "success": bool(episode.infos["success"][-1])}
             waiting.append(disk.submit(written.write, number, episode, metadata))
             while len(waiting) > _IN_FLIGHT:
@@ -408,7 +408,7 @@ def _write(
             for k, field in enumerate(layout.fields)
         },
         "policies": cards,
-        "families": sorted({source.case.experiment for source in parts}),
+        "families": sorted({source.case.family for source in parts}),
         "seeds": [parts[0].starts[0].seed, parts[0].starts[0].seed + total - 1],
         "conditions": {**vars(conditions), "robot": conditions.robot.name},
         "version": installed.version("wayfield"),

@@ -55,8 +55,8 @@ class Rules:
 class Case:
     """A policy in a scenario. Every policy of an experiment meets the same scenario, starts and disturbances."""
 
-    document: str  # the table it belongs to: a document, or a contest
-    experiment: str  # what the table calls the scenario
+    contest: str  # the table it belongs to: of a contest, of a document, or of a kind of scenario of the user's own
+    family: str  # what the table calls the scenario
     env_id: str
     scenario: str
     policy: str
@@ -79,13 +79,6 @@ class Case:
     beside: str = ""  # the policy of every other robot of a team, from the second on; "": all have the same
 
     @property
-    def place(self) -> dict[str, str]:
-        """Returns the columns that say where the case belongs: document and experiment, or contest and family."""
-        if self.split:
-            return {"contest": self.document, "family": self.experiment}
-        return {"document": self.document, "experiment": self.experiment}
-
-    @property
     def asked(self) -> float:
         """Returns the requested cruising speed (m/s); inf outside of contests, which have none."""
         if self.rules is not None:
@@ -102,4 +95,4 @@ class Case:
     @property
     def key(self) -> tuple[str, str, str, str]:
         """Returns the key of the case within its suite."""
-        return self.document, self.experiment, self.policy, self.gains_text
+        return self.contest, self.family, self.policy, self.gains_text

@@ -43,10 +43,8 @@ class Column:
 CONDITIONS = (
     Column("trajectory", str, "", "key of the episode in trajectories.npz; empty if the trajectory is not kept"),
     Column("suite", str, "", "suite of the run"),
-    Column("contest", str, "", "contest of the episode"),
-    Column("family", str, "", "family of the scenario, in a contest"),
-    Column("document", str, "", "reference paper of the episode, outside of contests"),
-    Column("experiment", str, "", "name of the scenario in the paper"),
+    Column("contest", str, "", "contest or reference paper (A, B, C) of the episode; of a file, its kind of scenario"),
+    Column("family", str, "", "family of the scenario, or its name in the paper or file"),
     Column("scenario", str, "", "name of the scenario in the environment"),
     Column("robot", str, "", "robot, by name or data sheet"),
     Column("disturbance", str, "", "level of disturbance"),

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import click
 
-from wayfield.benchmarks.contests import ALL_CONTESTS, DISTURBANCES, OVERVIEW
-from wayfield.benchmarks.entrants.documents import documents
+from wayfield.benchmarks.contests import ALL_CONTESTS, DISTURBANCES, OF_KIND, OVERVIEW
+from wayfield.benchmarks.entrants.documents import TITLES, documents
 from wayfield.benchmarks.leaderboards.document_tables import document_tables, ranked, reproduced
 from wayfield.benchmarks.leaderboards.leaderboard import contest_tables
 from wayfield.benchmarks.records.results import EPISODES, read_rows
@@ -30,12 +30,12 @@ def section_of(folder: Path, command: str) -> Section:
         ladder = rows[0]["suite"] == DISTURBANCES
         decisions = read_decisions(folder) if (folder / DECISIONS).is_file() else []
         return Section(folder, list(contest_tables(rows, decisions, command, ladder).values()))
-    if "document" not in rows[0]:
+    if rows[0].get("contest") not in (*TITLES, *OF_KIND):
         raise ValueError(
             f"{folder / EPISODES} is of suite {rows[0].get('suite')!r}, whose report is written by its run"
         )
     cases = documents()
-    small = reproduced(rows, cases) if rows[0]["document"] in "ABC" else ranked(rows)
+    small = reproduced(rows, cases) if rows[0]["contest"] in TITLES else ranked(rows)
     return Section(folder, document_tables(rows, cases), small)
 
 

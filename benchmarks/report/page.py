@@ -97,7 +97,7 @@ def _gather(section: Section, content: Content) -> None:
     if section.small is not None:
         content.sentences.append(section.small[0])
         content.small.append(section.small[1])
-    if rows and "contest" in rows[0] and rows[0]["contest"] in ALL_CONTESTS:
+    if rows and rows[0].get("contest") in ALL_CONTESTS:
         _gather_contests(rows, content, section.named)
     _gather_episodes(section.folder, rows, content)
 
@@ -159,14 +159,12 @@ def _asked(row: Row) -> dict[str, float]:
 
 def _episode(row: Row, world: int) -> dict[str, Any]:
     """Returns the page's record of an episode."""
-    if "contest" in row:
-        place, family, policy = row["contest"], row["family"], label((row["policy"], row["gains_name"]))
-    else:
-        place, family, policy = row["document"], row["experiment"], f"{row['policy']} {row['gains']}".strip()
+    of_contest = row["contest"] in ALL_CONTESTS
+    policy = label((row["policy"], row["gains_name"])) if of_contest else f"{row['policy']} {row['gains']}".strip()
     seed = row.get("agent_seed", "")
     record = {
-        "contest": place,
-        "family": family,
+        "contest": row["contest"],
+        "family": row["family"],
         "tier": row.get("tier", ""),
         "policy": policy,
         "agent": seed,

@@ -125,9 +125,7 @@ def rows_so_far(parts: Sequence[Part], ended: Mapping[int, Mapping[str, bytes]])
     entered: dict[tuple[str, str], dict[tuple[str, str], list[Part]]] = {}
     for part in parts:
         case = part.setting.case
-        entered.setdefault((case.document, case.experiment), {}).setdefault((case.policy, case.gains_name), []).append(
-            part
-        )
+        entered.setdefault((case.contest, case.family), {}).setdefault((case.policy, case.gains_name), []).append(part)
     done = {
         family: {entry for entry, mine in entries.items() if all(part.folder.is_dir() for part in mine)}
         for family, entries in entered.items()
@@ -202,7 +200,7 @@ def declared(setting: Setting) -> list[dict[str, Any]]:
     Raises:
         ValueError: as `played`.
     """
-    contest, case = ALL_CONTESTS[setting.case.document], setting.case
+    contest, case = ALL_CONTESTS[setting.case.contest], setting.case
     split = "front" if case.speed is not None else case.split
     speed = {} if case.speed is None else {"speed": case.speed}
     failure = contest.failure_cost(case.max_episode_steps)
@@ -219,8 +217,8 @@ def declared(setting: Setting) -> list[dict[str, Any]]:
 def members_of(contest: Contest, setting: Setting) -> Sequence[Any]:
     """Returns the scenarios of a setting: frozen, of the user's own, or of a public benchmark."""
     case = setting.case
-    if case.scenario == f"{case.experiment}/{case.split}":
-        return splits.split(contest.spec.name, case.experiment, case.split)
+    if case.scenario == f"{case.family}/{case.split}":
+        return splits.split(contest.spec.name, case.family, case.split)
     if setting.members:
         bank = scenarios_of(contest.spec, case.scenario, robot_of(case.env_kwargs["robot"]).hull_radius)
         return [bank[k] for k in setting.members]
@@ -293,7 +291,7 @@ def in_frames(count: int) -> str:
 
 def play(setting: Setting) -> dict[str, bytes]:
     """Returns the files of a part, by their name: its rows, the trajectories that are kept, and the drives of all."""
-    most, cost = setting.keep, ALL_CONTESTS[setting.case.document].spec.cost.metric
+    most, cost = setting.keep, ALL_CONTESTS[setting.case.contest].spec.cost.metric
     found = played(setting)
     order = sorted(range(len(found)), key=lambda i: badness(found[i][0], cost))
     kept = {f"{i:05d}": found[i][1] if most is None else slim(found[i][1]) for i in order[:most]}
@@ -433,7 +431,7 @@ def _key(setting: Setting, code: str, geometry: str) -> str:
 def parts_of(settings: Sequence[Setting], folder: Path) -> list[Part]:
     """Returns the parts of a run that keeps them in a folder."""
     code = source_digest()
-    members = [members_of(ALL_CONTESTS[setting.case.document], setting) for setting in settings]
+    members = [members_of(ALL_CONTESTS[setting.case.contest], setting) for setting in settings]
     each = {tuple(map(id, those)): those for those in members}  # most settings are about the same scenarios
     digests = {key: splits.digest(those) for key, those in each.items()}
     keys = (

@@ -114,7 +114,8 @@ def _row(setting: Setting, episode: int, measured: Mapping[str, float]) -> dict[
     case = setting.given or setting.case
     conditions = {
         "suite": setting.suite,
-        **case.place,
+        "contest": case.contest,
+        "family": case.family,
         "scenario": case.scenario,
         "robot": str(case.env_kwargs.get("robot", "")),
         "disturbance": case.env_kwargs.get("disturbance", "none"),
@@ -145,7 +146,7 @@ def heads_first(settings: Sequence[Setting]) -> list[int]:
     for i, setting in enumerate(settings):
         case = setting.case
         observed = spec_of(case.env_id).observes
-        plant, driver = (observed, setting.dynamics), (case.document, case.policy, setting.dynamics)
+        plant, driver = (observed, setting.dynamics), (case.contest, case.policy, setting.dynamics)
         if plant not in plants:
             rank = 1 if observed == "path" else 0
         elif driver not in drivers:

@@ -123,7 +123,7 @@ def paper_parts(plants: Sequence[str]) -> Iterator[tuple[Row, Callable[[], Itera
                 return [(_ended(row), told)]
 
             name = f"{case.policy} {case.gains_text}".strip()
-            yield {"plant": plant, "document": case.document, "experiment": case.experiment, "policy": name}, drives
+            yield {"plant": plant, "document": case.contest, "experiment": case.family, "policy": name}, drives
 
 
 def _ended(row: Row) -> str:
@@ -281,13 +281,13 @@ def _paper_lines(papers: Sequence[Row]) -> list[str]:
             mine = {
                 row["plant"]: dict(cell.split("=") for cell in row["figures"].split(";")).get(metric, "nan")
                 for row in papers
-                if (row["document"], row["experiment"], row["policy"]) == (case.document, case.experiment, name)
+                if (row["document"], row["experiment"], row["policy"]) == (case.contest, case.family, name)
             }
             if not mine:
                 continue
             low = statistics.fmean(figure) if isinstance(figure, tuple) else figure
             ours = [f"{float(mine[plant]):.4g}" if plant in mine else "" for plant in IN_PROCESS]
-            table.append([case.document, case.experiment, name, metric.replace("_", " "), f"{low:.4g}", *ours])
+            table.append([case.contest, case.family, name, metric.replace("_", " "), f"{low:.4g}", *ours])
     header = ("paper", "experiment", "controller", "figure (SI)", "equations", *IN_PROCESS)
     return [
         "",

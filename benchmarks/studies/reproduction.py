@@ -31,7 +31,7 @@ from results_page import Kept, Made, pages
 from sections import KEPT, ROWS, SECTIONS, Section
 
 from wayfield.benchmarks.contests import CONTESTS, GAINS, Course, Entrants
-from wayfield.benchmarks.entrants.documents import documents
+from wayfield.benchmarks.entrants.documents import TITLES, documents
 from wayfield.benchmarks.leaderboards.entries import grouped
 from wayfield.benchmarks.records.cases import Case
 from wayfield.benchmarks.records.episode import Episodes, Row
@@ -48,18 +48,7 @@ STRIDE = 10  # lines of the table of coverage
 # columns that describe an entry in words, or number the files of a run: no behaviour
 _WORDS = ("trajectory", "knows", "parameters", "learned_from")
 _OF_A_CASE = (
-    *(
-        "suite",
-        "contest",
-        "document",
-        "experiment",
-        "scenario",
-        "robot",
-        "disturbance",
-        "policy",
-        "gains_name",
-        "gains",
-    ),
+    *("suite", "contest", "family", "scenario", "robot", "disturbance", "policy", "gains_name", "gains"),
     *("dynamics", "actuators", "split", "speed"),
 )
 
@@ -127,7 +116,7 @@ def samples(section: Section, kept: Kept) -> Iterator[Sample]:
         return
     name = f"{ROWS}/{section.name}{SUFFIX}"
     rows = unpacked(kept.content(name), section.name)
-    for of_entry in _grouped(rows, ("contest", "document", "policy", "gains_name", "dynamics")):
+    for of_entry in _grouped(rows, ("contest", "policy", "gains_name", "dynamics")):
         cases = _grouped(of_entry, _OF_A_CASE)
         first = cases[rng.integers(len(cases))][:EPISODES]
         yield functools.partial(_driven, first), first
@@ -142,7 +131,7 @@ def _driven(kept: Sequence[Row]) -> Sequence[Row]:
     """Returns the rows of the first episodes of a case of a contest or a document, driven today."""
     row = kept[0]
     setting = Setting(row["suite"], _case(row), row["dynamics"], row["actuators"], int(row["seed"]), len(kept))
-    if "contest" not in row:
+    if row["contest"] in TITLES:
         return _texts([today for today, _ in episodes(setting)])
     return _lines(thinned([today for today, _ in played(setting)]))
 
@@ -159,14 +148,15 @@ def _lines(columns: Mapping[str, Sequence[str]]) -> list[Row]:
 
 def _case(row: Row) -> Case:
     """Returns the case that a row is about; LookupError if there is none today."""
-    if "contest" in row:
+    if row["contest"] not in TITLES:
         contest = CONTESTS[row["contest"]]
         family, split = row["scenario"].split("/")
         entrants = Entrants((row["policy"],), (*GAINS["all"], "robust"))
         speed = float(row["speed"]) if row["speed"] else None
         cases = list(contest.cases(row["robot"], Course(family, split), entrants, row["disturbance"], speed))
     else:
-        cases = [case for case in documents() if case.place.items() <= row.items() and case.policy == row["policy"]]
+        keys = row["contest"], row["family"], row["policy"]
+        cases = [case for case in documents() if case.key[:3] == keys]
     for case in cases:
         if (case.gains_name, case.gains_text) == (row["gains_name"], row["gains"]):
             return case

@@ -123,7 +123,7 @@ def main(
         raise click.UsageError(f"--scenario: {error}") from None
     differing = {"scenario": scenario, "policies": policies, "episodes": count if count > 1 else None, "seed": seed}
     folder = default_folder(COPPELIA, differing) if out is None else Path(out)
-    stem = stem_of(cases[0].document)
+    stem = stem_of(cases[0].contest)
     command = readable(f"python -m wayfield.bridges.coppelia.evaluate {words_given()}")
     this = Run(COPPELIA, command, tuple(f"{stem}_*.{suffix}" for suffix in ("svg", "png")))
     with _ended_by_signals(), holding(folder, this), staging(folder, this) as stage:

@@ -195,7 +195,7 @@ def made_up(monkeypatch):
         played.append(setting)
         case = setting.case
         row = {
-            **{"suite": setting.suite, "contest": case.document, "policy": case.policy, "gains_name": "trained"},
+            **{"suite": setting.suite, "contest": case.contest, "policy": case.policy, "gains_name": "trained"},
             **{"robot": "p3dx", "disturbance": "none", "scenario": case.scenario},
         }
         return [

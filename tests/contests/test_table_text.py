@@ -39,7 +39,7 @@ def test_a_table_in_markdown_latex_and_csv() -> None:
 def test_what_a_document_prints_is_counted_apart_from_solutions_of_its_equations() -> None:
     (printed,) = [case for case in documents() if case.source == "Table 1"]
     solved = next(case for case in documents() if case.scenario == "apf_1" and "final_x" in case.reference)
-    place = {"document": "C", "experiment": "scenario 1", "policy": "apf_documented", "actuators": "ideal"}
+    place = {"contest": "C", "family": "scenario 1", "policy": "apf_documented", "actuators": "ideal"}
     rows = []
     for plant, off in (("kinematic", 1.0), ("pymunk", 2.0)):
         for case in (printed, solved):

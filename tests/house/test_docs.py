@@ -189,10 +189,10 @@ def test_kept_tables_are_what_formulas_of_their_own_make_of_the_rows(section: st
 
 def test_the_page_of_the_documents_says_what_their_rows_say() -> None:
     text = (ROOT / "docs/documents.md").read_text(encoding="utf-8")
-    printed = [(case.document, metric) for case in documents() for metric in case.published]
+    printed = [(case.contest, metric) for case in documents() for metric in case.published]
     assert [document for document, _ in printed] == ["C"] * 6
     rows = read_packed(ROOT / sections.ROWS / f"documents{SUFFIX}")
-    ends = {(row["experiment"], row["policy"], row["gains"], row["dynamics"]): row for row in rows}
+    ends = {(row["family"], row["policy"], row["gains"], row["dynamics"]): row for row in rows}
     exact = {key: row for key, row in ends.items() if key[1] == "apf_documented" and key[2].startswith("tau")}
     exact = {key: row for key, row in exact.items() if "stop_radius" not in key[2]}
     arrived = [key for key, row in exact.items() if row["success"] == "1"]

@@ -155,7 +155,7 @@ def test_a_page_asks_for_nothing_from_outside() -> None:
 
 def test_a_folder_without_trajectories_gives_a_page_that_says_so(tmp_path: Path) -> None:
     row = {
-        **{"suite": "path", "document": "path", "experiment": "way", "scenario": "way", "robot": "", "policy": "lqr"},
+        **{"suite": "path", "contest": "path", "family": "way", "scenario": "way", "robot": "", "policy": "lqr"},
         **{"gains": "", "gains_name": "default", "dynamics": "kinematic", "actuators": "ideal", "seed": "0"},
         **{"disturbance": "none", "episode": "0", "success": "1", "collision": "0", "left_corridor": "0"},
         **{"timeout": "0", "time": "3.5", "mean_speed": "0.5", "cross_track_rms": "0.01"},

@@ -74,7 +74,7 @@ def test_the_clock_of_a_scenario_of_ones_own(tmp_path: Path) -> None:
     cases = own_cases(str(goal), None, ("polar" if "polar" in POLICIES["goal"] else "dwa", "zero"), "turtlebot3")
     assert [case.policy for case in cases][1] == "zero"
     for case in cases:
-        assert (case.document, case.scenario, case.max_episode_steps) == ("goal", str(goal), found["goal.json"].steps)
+        assert (case.contest, case.scenario, case.max_episode_steps) == ("goal", str(goal), found["goal.json"].steps)
         assert case.env_kwargs == {**CONTESTS["goal-obstacles"].env_kwargs, "robot": "turtlebot3"}
         assert case.env_id == GOAL
     every = {case.policy: case.filmed for case in own_cases(str(goal))}
