@@ -26,7 +26,7 @@ from wayfield.envs.tasks.stepping import Robots
 from wayfield.envs.tasks.task import Task
 from wayfield.envs.world.grids import FRAME, Grids
 from wayfield.envs.world.movers import motion_at, moves
-from wayfield.system.compiled import compiled
+from wayfield.system.compiled import any_layout, compiled
 from wayfield.system.elementary import wrap_angle
 
 try:
@@ -46,6 +46,7 @@ _REACH = 0.05  # m, by which more than its own way a hull may come near somethin
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
+@any_layout
 @compiled
 def command_rows(params, states, actions, skip, factors, twists, speeds):
     """Turns the wheels of all robots on by a control period, but of those in `skip`.
@@ -78,6 +79,7 @@ def command_rows(params, states, actions, skip, factors, twists, speeds):
                 speeds[i, k, n] = m[0] * vx + m[1] * vy + m[2] * yaw_rate
 
 
+@any_layout
 @compiled
 def place_movers(params, states, obstacles, i, time, places):
     """Puts into places (m, 2) where the obstacles of robot i that move are, `time` (s) after its period began."""
@@ -87,6 +89,7 @@ def place_movers(params, states, obstacles, i, time, places):
             places[j, 0], places[j, 1], _, _ = motion_at(obstacles[i, j], s.steps * params[0].dt + time)
 
 
+@any_layout
 @compiled
 def finish_rows(params, states, obstacles, grids, noise, skip, before, twists, slips):
     """Ends the control period of all robots but those in `skip`: clearance, contact, odometry.

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from wayfield.envs.tasks.briefing import Course
 from wayfield.envs.world.paths import Path, PathPool
 from wayfield.policies.parts.steering import Motion
-from wayfield.system.compiled import allocating, compiled, inlined
+from wayfield.system.compiled import allocating, any_layout, compiled, inlined
 from wayfield.system.elementary import bearing, sin_cos
 
 Array = NDArray[np.float64]
@@ -94,6 +94,7 @@ def _smoothed(course: Course, ends_only: bool) -> Smoothed | None:
     return Smoothed(Course.of(PathPool.of(paths), course.path_index), np.concatenate(given), course.runs["length"])
 
 
+@any_layout
 @allocating
 def smooth_points(points, closed, ends_only):
     """Returns the points (n, 3) of `smoothed`, x, y and arc length along the path as it is (m), of such points."""

@@ -21,7 +21,7 @@ from wayfield.policies.parts.params import params
 from wayfield.policies.parts.path_smoothing import smoothed
 from wayfield.policies.parts.rehearsal import rehearse
 from wayfield.policies.parts.steering import Motion, unicycle_twists
-from wayfield.system.compiled import compiled
+from wayfield.system.compiled import any_layout, compiled
 from wayfield.system.elementary import sin_cos
 
 
@@ -69,6 +69,7 @@ class PurePursuit(PathLaw):
         return unicycle_twists(briefing.robot, twists[:, 0], twists[:, 1])
 
 
+@any_layout
 @compiled
 def pursue(params, course, motion, twists):
     """Fills the (b, 2) speeds and yaw rates of `PurePursuit.act`."""

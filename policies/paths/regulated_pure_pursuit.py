@@ -16,7 +16,7 @@ from wayfield.policies.parts.laws import PathLaw
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.path_smoothing import smoothed
 from wayfield.policies.parts.steering import Motion, unicycle_twists, widest_turn
-from wayfield.system.compiled import compiled, inlined
+from wayfield.system.compiled import any_layout, compiled, inlined
 from wayfield.system.elementary import bearing, sin_cos, wrap_angle
 
 MOST_SAMPLES = 10_000.0  # of the way ahead
@@ -88,6 +88,7 @@ class RegulatedPurePursuit(PathLaw):
         return unicycle_twists(briefing.robot, memory[:, 0], memory[:, 1])
 
 
+@any_layout
 @compiled
 def pursue(params, course, motion, commands):
     """Replaces the (b, 2) last commands by the next ones of `RegulatedPurePursuit.act`."""

@@ -16,7 +16,7 @@ from wayfield.policies.parts.laws import PathLaw
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.path_smoothing import smoothed
 from wayfield.policies.parts.steering import Motion, unicycle_twists
-from wayfield.system.compiled import compiled, inlined
+from wayfield.system.compiled import any_layout, compiled, inlined
 from wayfield.system.elementary import bearing, sin_cos, wrap_angle
 
 Array = NDArray[np.float64]
@@ -76,6 +76,7 @@ class Stanley(PathLaw):
         return unicycle_twists(briefing.robot, command[0], command[1])
 
 
+@any_layout
 @compiled
 def steer_rows(params, course, motion, memory, command):
     """Fills the command (2, b), v in m/s and w in rad/s, and moves the steering angles of the memory (b, 1)."""

@@ -15,7 +15,7 @@ from wayfield.policies.parts.laws import GoalLaw
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.polar_coordinates import polar_twist
 from wayfield.policies.parts.steering import unicycle_twists
-from wayfield.system.compiled import compiled
+from wayfield.system.compiled import any_layout, compiled
 from wayfield.system.elementary import bearing
 
 MEMORY = np.dtype(
@@ -83,6 +83,7 @@ class Polar(GoalLaw):
         return unicycle_twists(briefing.robot, twists[:, 0], twists[:, 1])
 
 
+@any_layout
 @compiled
 def approach(params, goals, turns, waypoints_left, memory, twists):
     """Fills the (b, 2) speeds and yaw rates of `Polar.act` and keeps the memory up to date."""

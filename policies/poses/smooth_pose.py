@@ -16,7 +16,7 @@ from wayfield.policies.parts.gain import Gains, gain
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.path_smoothing import smoothed
 from wayfield.policies.parts.steering import Motion, unicycle_twists
-from wayfield.system.compiled import compiled, inlined
+from wayfield.system.compiled import any_layout, compiled, inlined
 from wayfield.system.elementary import bearing, power, sin_cos, wrap_angle
 
 _KEPT = 0.5 * math.pi  # rad, by which the other way must be better to be taken instead
@@ -140,6 +140,7 @@ def graceful(p, px, py, turn):
     return v, v * curvature
 
 
+@any_layout
 @compiled
 def chase(params, course, motion, twists):
     """Fills the (b, 2) speeds and yaw rates of `SmoothPose.act` along a path."""
@@ -174,6 +175,7 @@ def chosen_way(p, way, px, py, turn):
     return -1.0 if gain > way * _KEPT else 1.0
 
 
+@any_layout
 @compiled
 def approach(params, goals, turns, waypoints_left, memory, twists):
     """Fills the (b, 2) speeds and yaw rates of `SmoothPose.act` towards a goal and keeps the memory up to date."""

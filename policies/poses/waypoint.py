@@ -13,7 +13,7 @@ from wayfield.policies.parts.gain import gain
 from wayfield.policies.parts.laws import GoalLaw
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.stopping import rest_radius
-from wayfield.system.compiled import compiled
+from wayfield.system.compiled import any_layout, compiled
 from wayfield.system.elementary import sin_cos
 
 MEMORY = np.dtype(
@@ -65,6 +65,7 @@ class Waypoint(GoalLaw):
         return twists
 
 
+@any_layout
 @compiled
 def drive(params, told, poses, turns, waypoints_left, memory, twists):
     """Fills the (b, 3) twists of `Waypoint.act` and keeps the indices up to date."""
