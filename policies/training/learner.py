@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger
-from stable_baselines3.common.vec_env import VecEnv
+from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 
 from wayfield.envs.robots import robot_of
 from wayfield.envs.sb3 import NativeVecEnv
@@ -273,52 +273,23 @@ class PpoLearner(Learner):
         return {"optimizer": self.ppo.policy.optimizer} | ({} if self.teaching is None else self.teaching.optimizers)
 
 
-class Timed(VecEnv):
+class Timed(VecEnvWrapper):
     """Passes everything on and counts the seconds that steps take."""
 
     def __init__(self, env: VecEnv, seconds: dict[str, float]) -> None:
-        self._env = env
         self.seconds = seconds
-        super().__init__(env.num_envs, env.observation_space, env.action_space)
+        super().__init__(env)
 
     def reset(self) -> Any:
         """Passes on."""
-        return self._env.reset()
-
-    def step_async(self, actions: NDArray[Any]) -> None:
-        """Passes on."""
-        self._env.step_async(actions)
+        return self.venv.reset()
 
     def step_wait(self) -> Any:
         """Passes on, and counts."""
         began = time.perf_counter()
-        result = self._env.step_wait()
+        result = self.venv.step_wait()
         self.seconds["environment"] += time.perf_counter() - began
         return result
-
-    def seed(self, seed: int | None = None) -> Any:
-        """Passes on."""
-        return self._env.seed(seed)
-
-    def close(self) -> None:
-        """Passes on."""
-        self._env.close()
-
-    def env_is_wrapped(self, wrapper_class: type[Any], indices: Any = None) -> list[bool]:
-        """Passes on."""
-        return self._env.env_is_wrapped(wrapper_class, indices)
-
-    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """Passes on."""
-        return self._env.get_attr(attr_name, indices)
-
-    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Passes on."""
-        self._env.set_attr(attr_name, value, indices)
-
-    def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
-        """Passes on."""
-        return self._env.env_method(method_name, *args, indices=indices, **kwargs)
 
 
 def agent_to_begin_as(preset: Preset, seed: int) -> Agent:
