@@ -221,7 +221,7 @@ def test_a_step_back_at_either_end_ends_the_path_or_is_warned_of(law: str) -> No
     paths = []
     for way in (np.array([[0.0, 0.0], [4.0, 0.0]]), stairs(2.0, 0.5, 0.05, 8), curve):
         heading = math.atan2(*(way[-1] - way[-2])[::-1])
-        for step in (1e-9, 1e-4, 0.01, 0.03, 0.049):
+        for step in (1e-9, 0.01, 0.049):
             for aside in (0.5, 0.75, 1.0):
                 at = heading + aside * math.pi
                 stepped = np.vstack([way, way[-1] + step * np.array([math.cos(at), math.sin(at)])])

@@ -59,8 +59,8 @@ def plain(tmp_path):
 @pytest.mark.parametrize("plant", ["kinematic", "pymunk"])
 def test_our_server_moves_as_our_plant_over_an_episode(serve, plain, plant):
     server = serve(dynamics=plant, half_track=TRACK)
-    worst, steps = worst_difference(server, PATH_FOLLOWING, plant, 400, scenario=plain)
-    assert steps == 400
+    worst, steps = worst_difference(server, PATH_FOLLOWING, plant, 120, scenario=plain)
+    assert steps == 120
     assert worst < 1e-9
 
 
