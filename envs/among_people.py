@@ -5,7 +5,7 @@ from typing import Any
 
 from wayfield.envs.scenarios.splits import members
 from wayfield.envs.scenarios.team_scenario import TeamScenario
-from wayfield.envs.tasks.arguments import argument, told
+from wayfield.envs.tasks.arguments import argument, arguments_table
 from wayfield.envs.tasks.sheets import sheet_like
 from wayfield.envs.tasks.specs import CROWDS
 from wayfield.envs.team_worlds import TeamArguments, Teams
@@ -53,7 +53,7 @@ class OmniPeople(OmniTeam):
                 (`visible`), walk in groups, or react to it: `wayfield.envs.crowds.people`.
                 Everything else is as in a team, which this is one of.
             """,
-            "Arguments": told(PeopleArguments, holonomic=True),
+            "Arguments": arguments_table(PeopleArguments, holonomic=True),
         },
     )
 
@@ -75,7 +75,7 @@ class DiffDrivePeople(OmniPeople):
                 (`visible`), walk in groups, or react to it: `wayfield.envs.crowds.people`.
                 Everything else is as in a team, which this is one of.
             """,
-            "Arguments": told(PeopleArguments, holonomic=False),
+            "Arguments": arguments_table(PeopleArguments, holonomic=False),
         },
     )
 

@@ -44,7 +44,7 @@ class Results:
         self.constraints = np.empty((num_envs, len(task.constraints) if task.options.constraints else 0))
         self.violated = np.empty(num_envs, np.bool_)
 
-    def told(self) -> dict[str, NDArray[Any]]:
+    def infos(self) -> dict[str, NDArray[Any]]:
         """Returns the info, an array a name: a row a robot."""
         found: dict[str, NDArray[Any]] = dict(zip(self._names, (*self.numbers[:-1], *self.flags[:-1]), strict=True))
         if self.constraints.shape[1]:
@@ -134,17 +134,17 @@ class Batch:
             array[...] = found
         self.plant = state["plant"]
 
-    def put_back(self, kept: Mapping[str, NDArray[Any]], own: tuple[NDArray[Any], ...] = ()) -> None:
+    def put_back(self, arrays: Mapping[str, NDArray[Any]], own: tuple[NDArray[Any], ...] = ()) -> None:
         """Takes over an earlier state of a batch that has just been reset to the scenarios of that state.
 
         Args:
-            kept: arrays of `STATE_ARRAYS`, which may come from a file: kernels index by them, and look at no bounds.
+            arrays: arrays of `STATE_ARRAYS`, which may come from a file: kernels index by them, and look at no bounds.
             own: those of the task, as `own_arrays` makes them, which may too.
 
         Raises:
             ValueError: naming the field, if a value cannot be one of a robot in its scenario; nothing is taken over.
         """
-        states = kept["states"]
+        states = arrays["states"]
         last = self.task.last_indices(states["scenario"]) | {"noise_row": NOISE_BLOCK if self.noisy else 2**62}
         for name in states.dtype.names or ():
             values = states[name]
@@ -159,19 +159,19 @@ class Batch:
                 raise ValueError(
                     f"{name} of robot {i} is {values[i]}, which no robot has in scenario {states['scenario'][i]}"
                 )
-        for name, array in kept.items():
+        for name, array in arrays.items():
             numbers = array.view(np.float64) if array.dtype.names else array
             if name != "states" and not (np.abs(numbers) <= _FARTHEST).all():
                 raise ValueError(f"{name} must hold numbers of at most {_FARTHEST:g} in size")
-        told, mine = kept["obstacles"], self.obstacles
+        given, mine = arrays["obstacles"], self.obstacles
         if self.task.shared_obstacles is None:  # some may be elsewhere, but go on as the scenarios say
             there = np.arange(mine.shape[1]) < self.states["num_obstacles"][:, None]
-            told, mine = told["patrol"][there], mine["patrol"][there]
-        if told.tobytes() != mine.tobytes():
+            given, mine = given["patrol"][there], mine["patrol"][there]
+        if given.tobytes() != mine.tobytes():
             raise ValueError("obstacles are other ones than those of the scenarios")
         if own:
             self.task.check_own(own, self.own)
-        for name, array in kept.items():
+        for name, array in arrays.items():
             getattr(self, name)[...] = array  # in place: the step's arguments are these arrays
         for there, array in zip(self.own, own, strict=False):
             there[...] = array
@@ -227,7 +227,7 @@ class Batch:
         return chosen
 
     @property
-    def told_obstacles(self) -> NDArray[np.void]:
+    def known_obstacles(self) -> NDArray[np.void]:
         """Returns the obstacles (rows, max_obstacles) as the scenarios have them; states["field"] is a robot's row."""
         found = self.obstacles if self.task.shared_obstacles is None else self.task.fields
         assert found is not None
@@ -380,11 +380,11 @@ class Batch:
         """
         choose("knows", knows, KNOWS)
         task = self.task
-        told = task.told(self.states, knows)
+        fields = task.briefing_fields(self.states, knows)
         if knows in MAPPED:
-            obstacles, scenario = self.told_obstacles[self.states["field"]], self.states["scenario"]
+            obstacles, scenario = self.known_obstacles[self.states["field"]], self.states["scenario"]
             counts = task.obstacle_counts(self.states)
-            told["map"] = Surroundings.of(obstacles, counts, task.grids, scenario)
+            fields["map"] = Surroundings.of(obstacles, counts, task.grids, scenario)
         return Briefing(
             num_envs=self.num_envs,
             robot=task.robot,
@@ -394,7 +394,7 @@ class Batch:
             layout=task.layout,
             beam_angles=task.beam_angles,
             max_range=float(task.params["max_range"][0]),
-            **told,
+            **fields,
         )
 
     def scene(
@@ -451,7 +451,7 @@ class Batch:
         return Scene(
             robot=self.task.robot,
             pose=(float(state["x"]), float(state["y"]), float(state["heading"])),
-            obstacles=self.told_obstacles[state["field"], :count],
+            obstacles=self.known_obstacles[state["field"], :count],
             trail=trail,
             **(drawing | marks),
         )

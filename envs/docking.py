@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from wayfield.envs import goal_reaching
 from wayfield.envs.goal_reaching import DiffDriveGoalObstacles, GoalArguments, GoalReaching, OmniGoalObstacles
 from wayfield.envs.scenarios import TASKS
-from wayfield.envs.tasks.arguments import argument, told
+from wayfield.envs.tasks.arguments import argument, arguments_table
 from wayfield.envs.tasks.sheets import sheet_like
 from wayfield.envs.vector import vector_of
 
@@ -88,7 +88,7 @@ class OmniDocking(OmniGoalObstacles):
             "Rewards": _REWARDS,
             "Starting state": _STARTING_STATE,
             "Episode end": _EPISODE_END,
-            "Arguments": told(DockingArguments, holonomic=True),
+            "Arguments": arguments_table(DockingArguments, holonomic=True),
         },
     )
 
@@ -113,7 +113,7 @@ class DiffDriveDocking(OmniDocking):
             "Rewards": _REWARDS,
             "Starting state": _STARTING_STATE,
             "Episode end": _EPISODE_END,
-            "Arguments": told(DockingArguments, holonomic=False),
+            "Arguments": arguments_table(DockingArguments, holonomic=False),
         },
     )
 

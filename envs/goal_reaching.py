@@ -14,7 +14,7 @@ from wayfield.envs.robots import records, robots_with, sensing
 from wayfield.envs.robots.kinematics import to_body_frame
 from wayfield.envs.scenarios import TASKS, GoalScenario, TaskSpec, field_scenarios
 from wayfield.envs.single import SingleEnv
-from wayfield.envs.tasks.arguments import PlantArguments, ScanArguments, argument, told
+from wayfield.envs.tasks.arguments import PlantArguments, ScanArguments, argument, arguments_table
 from wayfield.envs.tasks.briefing import Goals
 from wayfield.envs.tasks.constraints import Constraint, at_least
 from wayfield.envs.tasks.observation import Field, Layout
@@ -549,14 +549,14 @@ class GoalReaching(Task):
         """Returns how many obstacles each robot has around it."""
         return states["num_obstacles"].copy()
 
-    def told(self, states: NDArray[np.void], knows: str) -> dict[str, Any]:
+    def briefing_fields(self, states: NDArray[np.void], knows: str) -> dict[str, Any]:
         """Returns the task's part of the briefing: waypoints and goal, and the obstacles for a policy with a map."""
         courses, goals, *_ = self.world
         scenario = states["scenario"]
-        told: dict[str, Any] = {name: courses[name][scenario] for name in ("position_tolerance", "heading_tolerance")}
+        fields: dict[str, Any] = {name: courses[name][scenario] for name in ("position_tolerance", "heading_tolerance")}
         if knows not in ("sensors", "bodies"):
-            told["goal"] = Goals(goals[scenario], courses["num_goals"][scenario])
-        return told
+            fields["goal"] = Goals(goals[scenario], courses["num_goals"][scenario])
+        return fields
 
 
 class OmniGoalObstacles(SingleEnv):
@@ -617,7 +617,7 @@ class OmniGoalObstacles(SingleEnv):
 
     ## Arguments
 
-    {told(GoalArguments, holonomic=True)}
+    {arguments_table(GoalArguments, holonomic=True)}
 
     ## Odometry and wheels
 
@@ -664,7 +664,7 @@ class DiffDriveGoalObstacles(OmniGoalObstacles):
                 | 8 | waypoints_left | before the goal | 0 | inf | |
                 | 9, ... | ranges | right to left over `field_of_view`, a full circle from behind | 0 | max_range | m |
             """,
-            "Arguments": told(GoalArguments, holonomic=False),
+            "Arguments": arguments_table(GoalArguments, holonomic=False),
             "Odometry and wheels": DIFF_DRIVE_ODOMETRY,
         },
     )

@@ -95,7 +95,7 @@ class ParallelWorld(ParallelEnv[str, NDArray[np.float32], NDArray[np.float32]]):
         results = Results(self.task, self.task.team)
         self._rows.begin(np.arange(self.task.team), results, scenarios)
         self._env._begin_frames()
-        return self._of_agents(results.observations), self._told(results)
+        return self._of_agents(results.observations), self._infos(results)
 
     def step(self, actions: dict[str, NDArray[Any]]) -> tuple[dict[str, Any], ...]:
         """Moves all agents by one control period; returns observations, rewards, ends, truncations and infos.
@@ -129,7 +129,7 @@ class ParallelWorld(ParallelEnv[str, NDArray[np.float32], NDArray[np.float32]]):
             {agent: rewards[self._row(agent)] for agent in self.agents},
             {agent: bool(terminated[self._row(agent)]) for agent in self.agents},
             {agent: bool(truncated[self._row(agent)]) for agent in self.agents},
-            self._told(results),
+            self._infos(results),
         )
         self.agents = [agent for agent in self.agents if self._rows.alive[self._row(agent)]]
         return said
@@ -156,6 +156,6 @@ class ParallelWorld(ParallelEnv[str, NDArray[np.float32], NDArray[np.float32]]):
     def _of_agents(self, rows: NDArray[np.float32]) -> dict[str, NDArray[np.float32]]:
         return {agent: rows[self._row(agent)].copy() for agent in self.agents}
 
-    def _told(self, results: Results) -> dict[str, dict[str, Any]]:
-        told = {name: list(rows) if rows.ndim > 1 else rows.tolist() for name, rows in results.told().items()}
-        return {agent: {name: row[self._row(agent)] for name, row in told.items()} for agent in self.agents}
+    def _infos(self, results: Results) -> dict[str, dict[str, Any]]:
+        infos = {name: list(rows) if rows.ndim > 1 else rows.tolist() for name, rows in results.infos().items()}
+        return {agent: {name: row[self._row(agent)] for name, row in infos.items()} for agent in self.agents}

@@ -12,7 +12,7 @@ from wayfield.envs.robots import records, robots_with, sensing
 from wayfield.envs.robots.kinematics import to_body_frame
 from wayfield.envs.scenarios import TASKS, PathScenario, path_scenarios
 from wayfield.envs.single import SingleEnv
-from wayfield.envs.tasks.arguments import PlantArguments, argument, told
+from wayfield.envs.tasks.arguments import PlantArguments, argument, arguments_table
 from wayfield.envs.tasks.briefing import Course
 from wayfield.envs.tasks.constraints import Constraint
 from wayfield.envs.tasks.observation import Field, Layout
@@ -398,7 +398,7 @@ class PathFollowing(Task):
         """Returns zeros: nothing stands beside a path."""
         return np.zeros(len(states), np.int64)
 
-    def told(self, states: NDArray[np.void], knows: str) -> dict[str, Any]:
+    def briefing_fields(self, states: NDArray[np.void], knows: str) -> dict[str, Any]:
         """Returns the task's part of the briefing: the path, unless the policy knows its sensors alone."""
         if knows in ("sensors", "bodies"):
             return {}
@@ -464,7 +464,7 @@ class DiffDrivePathFollowing(SingleEnv):
 
     ## Arguments
 
-    {told(PathArguments, holonomic=False)}
+    {arguments_table(PathArguments, holonomic=False)}
 
     ## Odometry and wheels
 
@@ -513,7 +513,7 @@ class OmniPathFollowing(DiffDrivePathFollowing):
                 All fields follow from the measured pose: with `pose_source="odometry"` or noise they err together, as
                 on a robot.
             """,
-            "Arguments": told(PathArguments, holonomic=True),
+            "Arguments": arguments_table(PathArguments, holonomic=True),
             "Odometry and wheels": OMNI_ODOMETRY,
         },
     )

@@ -287,16 +287,16 @@ def _dots(points: NDArray[np.float64]) -> Any:
 
 def _thinned(points: NDArray[np.float64], spacing: float) -> NDArray[np.float64]:
     """Returns one point (k, 2) per spacing along a polyline (n, 2), besides its ends; NaN are left out."""
-    kept = points[:: len(points) // _DRAWN_POINTS + 1]
+    drawn = points[:: len(points) // _DRAWN_POINTS + 1]
     if len(points) > 0:
-        kept = np.concatenate([kept, points[-1:]])
-    kept = kept[np.isfinite(kept).all(axis=1)]
-    if len(kept) < 3:
-        return kept
-    arc_length = np.cumsum(np.hypot(*np.diff(kept, axis=0).T))
+        drawn = np.concatenate([drawn, points[-1:]])
+    drawn = drawn[np.isfinite(drawn).all(axis=1)]
+    if len(drawn) < 3:
+        return drawn
+    arc_length = np.cumsum(np.hypot(*np.diff(drawn, axis=0).T))
     chosen = np.diff(np.floor(arc_length / spacing), prepend=0.0) > 0.0
     chosen[-1] = True
-    return np.concatenate([kept[:1], kept[1:][chosen]])
+    return np.concatenate([drawn[:1], drawn[1:][chosen]])
 
 
 def _placed(points: Any, pose: tuple[float, float, float]) -> NDArray[np.float64]:

@@ -42,10 +42,10 @@ def _joined(pieces: list[NDArray[Any]]) -> NDArray[Any]:
     return np.concatenate([np.pad(piece, ((0, 0), (0, width - piece.shape[-1]))) for piece in pieces])
 
 
-def _dicts(told: Mapping[str, NDArray[Any]], rows: Any = slice(None)) -> list[dict[str, Any]]:
+def _dicts(infos: Mapping[str, NDArray[Any]], rows: Any = slice(None)) -> list[dict[str, Any]]:
     """Returns the info of each of some rows as a dict of its own, from an array a name."""
-    columns = [list(each) if each.ndim > 1 else each.tolist() for each in (values[rows] for values in told.values())]
-    return [dict(zip(told, row, strict=True)) for row in zip(*columns, strict=True)]
+    columns = [list(each) if each.ndim > 1 else each.tolist() for each in (values[rows] for values in infos.values())]
+    return [dict(zip(infos, row, strict=True)) for row in zip(*columns, strict=True)]
 
 
 def _taken(name: str, arrays: Mapping[str, NDArray[Any]], there: NDArray[Any]) -> NDArray[Any]:
@@ -64,7 +64,7 @@ class NativeVecEnv(VecEnv):
     episode ends holds all that the task tells (`success`, `collision`, ...), `is_success` and, as Monitor writes it,
     `episode`; so `rollout/ep_rew_mean` and `rollout/success_rate` are logged, `evaluate_policy` reports true rewards
     behind VecNormalize, and VecMonitor may take its `info_keywords` from there. Infos of other rows are empty, for
-    speed, unless `full_infos` is set; what all rows were told in the last step stands in `told`, an array a name.
+    speed, unless `full_infos` is set; what all rows were told in the last step stands in `infos`, an array a name.
 
     Args:
         worlds: how many robots; or how many with which further keyword arguments, for each of several worlds, whose
@@ -121,7 +121,7 @@ class NativeVecEnv(VecEnv):
         self.task = self.parts[0].task
         ends = np.cumsum([part.num_envs for part in self.parts]).tolist()
         self.rows = [slice(end - part.num_envs, end) for end, part in zip(ends, self.parts, strict=True)]
-        self.told: dict[str, NDArray[Any]] = {}
+        self.infos: dict[str, NDArray[Any]] = {}
         self.full_infos = full_infos
         self._actions: NDArray[Any] = np.empty(0)
         self._returns = np.zeros(ends[-1])
@@ -144,8 +144,8 @@ class NativeVecEnv(VecEnv):
             pieces.append(part.reset(seed=seeds, options=options[rows]))
         self._reset_seeds()
         self._reset_options()
-        self.told = self._joined_infos([info for _, info in pieces])
-        self.reset_infos = _dicts(self.told)
+        self.infos = self._joined_infos([info for _, info in pieces])
+        self.reset_infos = _dicts(self.infos)
         self._returns[:] = 0.0
         return _joined([observations for observations, _ in pieces])
 
@@ -157,19 +157,19 @@ class NativeVecEnv(VecEnv):
 
     def step_wait(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
         """Moves every robot by one control period; one whose episode ends starts the next at once."""
-        observations, rewards, terminated, truncated, told = self.advance(self._actions)
+        observations, rewards, terminated, truncated, last = self.advance(self._actions)
         ended = terminated | truncated
         self._returns += rewards
         infos: list[dict[str, Any]]
         if self.full_infos:
-            infos = _dicts(told | {"TimeLimit.truncated": np.zeros(self.num_envs, np.bool_)})
+            infos = _dicts(last | {"TimeLimit.truncated": np.zeros(self.num_envs, np.bool_)})
         else:
             infos = [{} for _ in range(self.num_envs)]
         rows = np.flatnonzero(ended)
         if len(rows):
             seconds = round(time.time() - self._since, 6)
             begun = self._joined_infos([step[4] for step in self._steps], last=False)
-            lasts = _dicts(told | {"TimeLimit.truncated": ~terminated}, rows)
+            lasts = _dicts(last | {"TimeLimit.truncated": ~terminated}, rows)
             for i, info, first in zip(rows.tolist(), lasts, _dicts(begun, rows), strict=True):
                 info["terminal_observation"] = self.final_observation(i)
                 info["is_success"] = info["success"]
@@ -190,8 +190,8 @@ class NativeVecEnv(VecEnv):
             part.step(actions[rows]) for part, rows in zip(self.parts, self.rows, strict=True)
         ]
         observations, rewards, terminated, truncated = (_joined([step[k] for step in self._steps]) for k in range(4))
-        self.told = self._joined_infos([step[4] for step in self._steps])
-        return observations, rewards, terminated, truncated, self.told
+        self.infos = self._joined_infos([step[4] for step in self._steps])
+        return observations, rewards, terminated, truncated, self.infos
 
     def final_observation(self, i: int) -> NDArray[np.float32]:
         """Returns the last observation of the episode of row i that the last step ended."""
@@ -206,7 +206,7 @@ class NativeVecEnv(VecEnv):
 
     def _joined_infos(self, infos: list[dict[str, Any]], last: bool = True) -> dict[str, NDArray[Any]]:
         """Returns an array a name: where an episode has ended, what was told last, or what the next one begins with."""
-        told = {}
+        joined = {}
         more = NAMES if self.task.options.constraints else ()
         for name in (*self.task.info_names, *self.task.flag_names, *more):
             pieces = []
@@ -215,8 +215,8 @@ class NativeVecEnv(VecEnv):
                 if last and "_final_info" in info:
                     values = chosen(info["_final_info"], info["final_info"][name], values)
                 pieces.append(values)
-            told[name] = _joined(pieces)
-        return told
+            joined[name] = _joined(pieces)
+        return joined
 
     def close(self) -> None:
         """Closes the parts."""
@@ -287,10 +287,10 @@ class NativeVecEnv(VecEnv):
         """
         remaining = iter(generators)
         for k, part in enumerate(self.parts):
-            kept = {name: _taken(f"world_{k}.{name}", arrays, getattr(part.batch, name)) for name in self.ARRAYS}
+            saved = {name: _taken(f"world_{k}.{name}", arrays, getattr(part.batch, name)) for name in self.ARRAYS}
             own = tuple(_taken(f"world_{k}.own_{j}", arrays, each) for j, each in enumerate(part.batch.own))
             # makes the generators, and all that a scenario decides
-            part.reset(seed=0, options={"scenario": part.task.scenario_of(kept["states"])})
-            part.batch.put_back(kept, own)
+            part.reset(seed=0, options={"scenario": part.task.scenario_of(saved["states"])})
+            part.batch.put_back(saved, own)
             for generator in part.np_random:
                 generator.bit_generator.state = next(remaining)

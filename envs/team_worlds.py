@@ -842,6 +842,6 @@ class Teams(GoalReaching):
         there = own.near_places[own.clocks[:, 0], np.arange(len(own.clocks)), self.team :]
         return np.stack([there[name] for name in ("x", "y", "vx", "vy", "present")], axis=-1)
 
-    def told(self, states: NDArray[np.void], knows: str) -> dict[str, Any]:
+    def briefing_fields(self, states: NDArray[np.void], knows: str) -> dict[str, Any]:
         """Returns the task's part of the briefing, with the size of the team and how far bodies are seen."""
-        return super().told(states, knows) | {"team": self.team, "sight": float(self._set["sight"])}
+        return super().briefing_fields(states, knows) | {"team": self.team, "sight": float(self._set["sight"])}

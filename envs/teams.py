@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from wayfield.envs.batch import Batch, Results
 from wayfield.envs.robots import robots_with
 from wayfield.envs.single import SingleEnv
-from wayfield.envs.tasks.arguments import told
+from wayfield.envs.tasks.arguments import arguments_table
 from wayfield.envs.tasks.sheets import DIFF_DRIVE_ACTIONS, OMNI_ACTIONS, sheet_like
 from wayfield.envs.team_worlds import TeamArguments, Teams
 from wayfield.envs.vector import NativeVectorEnv, Seeds, vector_of
@@ -58,7 +58,7 @@ class TeamRows:
         self.seeds: list[int] = []
         self.alive = np.zeros(num_envs, np.bool_)
         self.took_part = np.zeros(num_envs, np.bool_)
-        self._kept = Results(task, num_envs)  # of robots that wait: what their last step wrote
+        self._last = Results(task, num_envs)  # of robots that wait: what their last step wrote
 
     def begin(self, rows: NDArray[np.int64], results: Results, scenarios: NDArray[np.int64] | None = None) -> None:
         """Begins whole worlds, given by all of their rows, and writes their results."""
@@ -86,11 +86,11 @@ class TeamRows:
         batch.step(self.generators, results, None if meanwhile is None else partial(meanwhile, results))
         waiting = np.flatnonzero(~moved & ~self.alive)
         if len(waiting):
-            kept = self._kept
-            results.observations[waiting] = kept.observations[waiting]
-            results.numbers[:, waiting] = kept.numbers[:, waiting]
-            results.flags[:, waiting] = kept.flags[:, waiting]
-            results.constraints[waiting], results.violated[waiting] = kept.constraints[waiting], kept.violated[waiting]
+            last = self._last
+            results.observations[waiting] = last.observations[waiting]
+            results.numbers[:, waiting] = last.numbers[:, waiting]
+            results.flags[:, waiting] = last.flags[:, waiting]
+            results.constraints[waiting], results.violated[waiting] = last.constraints[waiting], last.violated[waiting]
         self.took_part = moved | self.alive
         terminated = results.flags[-1] & moved
         truncated = np.zeros(self.num_envs, np.bool_)
@@ -99,13 +99,13 @@ class TeamRows:
         ended = np.flatnonzero(terminated | truncated)
         if len(ended):
             self.alive[ended] = False
-            kept = self._kept
-            kept.observations[ended] = results.observations[ended]
-            kept.numbers[:, ended] = results.numbers[:, ended]
-            kept.numbers[-1, ended] = 0.0
-            kept.flags[:, ended] = results.flags[:, ended]
-            kept.constraints[ended], kept.violated[ended] = results.constraints[ended], results.violated[ended]
-            kept.flags[-1, ended] = False
+            last = self._last
+            last.observations[ended] = results.observations[ended]
+            last.numbers[:, ended] = results.numbers[:, ended]
+            last.numbers[-1, ended] = 0.0
+            last.flags[:, ended] = results.flags[:, ended]
+            last.constraints[ended], last.violated[ended] = results.constraints[ended], results.violated[ended]
+            last.flags[-1, ended] = False
         return results, terminated, truncated
 
     def over(self) -> NDArray[np.bool_]:
@@ -185,7 +185,7 @@ class TeamEnv(SingleEnv):
         results = Results(self.task, self.task.team)
         self.rows.begin(np.arange(self.task.team), results, scenarios)
         self._begin_frames()
-        return results.observations, self._told(results)
+        return results.observations, self._infos(results)
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Moves the world by one control period; see `SingleEnv.step`."""
@@ -199,11 +199,11 @@ class TeamEnv(SingleEnv):
             self._note_position()
         part = self.rows.took_part
         reward = float(results.numbers[-1][part].mean()) if part.any() else 0.0
-        return results.observations, reward, not self.rows.alive.any(), False, self._told(results)
+        return results.observations, reward, not self.rows.alive.any(), False, self._infos(results)
 
-    def _told(self, results: Results) -> dict[str, Any]:
+    def _infos(self, results: Results) -> dict[str, Any]:
         assert self.rows is not None
-        return results.told() | {"alive": self.rows.took_part.copy()}
+        return results.infos() | {"alive": self.rows.took_part.copy()}
 
 
 class TeamVectorEnv(NativeVectorEnv):
@@ -330,7 +330,7 @@ class OmniTeam(TeamEnv):
 
     ## Arguments
 
-    {told(TeamArguments, holonomic=True)}
+    {arguments_table(TeamArguments, holonomic=True)}
 
     ## Version history
 
@@ -351,7 +351,7 @@ class DiffDriveTeam(OmniTeam):
         "A team of differential drives in one world, each with a goal of its own.",
         {
             "Action space": f"A row a robot of {DIFF_DRIVE_ACTIONS}",
-            "Arguments": told(TeamArguments, holonomic=False),
+            "Arguments": arguments_table(TeamArguments, holonomic=False),
         },
     )
 

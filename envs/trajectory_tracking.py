@@ -24,7 +24,7 @@ from wayfield.envs.robots.references import (
 from wayfield.envs.scenarios import TASKS, path_scenarios
 from wayfield.envs.scenarios.reference_proofs import proof
 from wayfield.envs.single import SingleEnv
-from wayfield.envs.tasks.arguments import argument, told
+from wayfield.envs.tasks.arguments import argument, arguments_table
 from wayfield.envs.tasks.briefing import Course
 from wayfield.envs.tasks.constraints import Constraint
 from wayfield.envs.tasks.observation import Field, Layout
@@ -438,7 +438,7 @@ class TrajectoryTracking(PathFollowing):
             ),
         }
 
-    def told(self, states: NDArray[np.void], knows: str) -> dict[str, Any]:
+    def briefing_fields(self, states: NDArray[np.void], knows: str) -> dict[str, Any]:
         """Returns the task's part of the briefing: path and reference, unless the policy knows its sensors alone."""
         spaced = {"preview_spacing": float(self.params["stride"][0]) * self.options.dt}
         if knows in ("sensors", "bodies"):
@@ -516,7 +516,7 @@ class DiffDriveTrajectoryTracking(SingleEnv):
 
     ## Arguments
 
-    {told(TrackingArguments, holonomic=False)}
+    {arguments_table(TrackingArguments, holonomic=False)}
 
     ## Odometry and wheels
 
@@ -568,7 +568,7 @@ class OmniTrajectoryTracking(DiffDriveTrajectoryTracking):
                 All fields follow from the measured pose: with `pose_source="odometry"` or noise they err together, as
                 on a robot.
             """,
-            "Arguments": told(TrackingArguments, holonomic=True),
+            "Arguments": arguments_table(TrackingArguments, holonomic=True),
             "Odometry and wheels": OMNI_ODOMETRY,
         },
     )

@@ -180,8 +180,8 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         seen = np.full(self.num_envs, None, dtype=object)
         for i in np.flatnonzero(ended).tolist():
             seen[i] = results.observations[i].copy()
-        told = {"final_info": self._info(results, ended), "_final_info": ended.copy()}
-        return {"final_obs": seen, "_final_obs": ended} | told
+        last = {"final_info": self._info(results, ended), "_final_info": ended.copy()}
+        return {"final_obs": seen, "_final_obs": ended} | last
 
     def _meanwhile(self, ended: NDArray[np.bool_], results: Results, info: dict[str, Any]) -> None:
         """Resets the robots that have ended and fills the info, whose arrays others may still be writing."""
@@ -223,10 +223,10 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
     def _info(self, results: Results, mask: NDArray[np.bool_] | None = None) -> dict[str, Any]:
         """Returns Gymnasium's vector info: an array and a mask for each name; rows outside the mask hold zero."""
         info: dict[str, Any] = {}
-        told = self._all.copy() if mask is None else mask
-        for name, values in results.told().items():
-            info[name] = values if mask is None else chosen(told, values, np.zeros_like(values))
-            info[f"_{name}"] = told
+        rows = self._all.copy() if mask is None else mask
+        for name, values in results.infos().items():
+            info[name] = values if mask is None else chosen(rows, values, np.zeros_like(values))
+            info[f"_{name}"] = rows
         return info
 
 

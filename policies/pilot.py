@@ -185,7 +185,7 @@ class Pilot:
     def _told(self, knows: str) -> Briefing:
         """Returns what one who declares `knows` is told of the episodes now starting."""
         if isinstance(self._env, Briefing):
-            return self._env.told(knows)
+            return self._env.restricted(knows)
         return self._env.briefing(knows)
 
     def _note(self, actions: NDArray[Any]) -> None:

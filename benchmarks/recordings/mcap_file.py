@@ -194,7 +194,7 @@ def write_mcap(file: Path, env: gymnasium.Env[Any, Any], episode: Episode, about
             said.say("/tf", time, {"timestamp": _stamp(time), "parent_frame_id": "map", "child_frame_id": "base",
                                    "translation": pose["position"], "rotation": pose["orientation"]})  # fmt: skip
             field = base.batch.states["field"][0]
-            obstacles = base.batch.told_obstacles[field, : int(base.task.obstacle_counts(base.batch.states)[0])]
+            obstacles = base.batch.known_obstacles[field, : int(base.task.obstacle_counts(base.batch.states)[0])]
             if obstacles.tobytes() != last or not step:
                 last = obstacles.tobytes()
                 entities = [_entity(f"obstacle {k}", time, _shape(each)) for k, each in enumerate(obstacles)]

@@ -201,7 +201,7 @@ class Sandbox(Task):
         x, y = float(state["x"]), float(state["y"])
         return {"bounds": (x - 2.5, y - 2.5, x + 2.5, y + 2.5)}
 
-    def told(self, states: NDArray[np.void], knows: str) -> dict[str, Any]:
+    def briefing_fields(self, states: NDArray[np.void], knows: str) -> dict[str, Any]:
         """Returns no fields: a pilot has no privileged information."""
         del states, knows
         return {}

@@ -222,7 +222,7 @@ class Body:
         count = int(self._env.task.obstacle_counts(batch.states)[0])
         clear = math.inf
         if count:
-            clear = clearance_of(self.robot, batch.told_obstacles[state["field"]], count, pose)
+            clear = clearance_of(self.robot, batch.known_obstacles[state["field"]], count, pose)
         if self.grid is not None:
             clear = min(clear, float(self.grid.clearances(np.array([pose[:2]]))[0]) - radius)
         places = self.others

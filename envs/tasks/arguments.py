@@ -89,7 +89,7 @@ class ScanArguments(Arguments):
     max_range: float | None = argument(None, shown="")
 
 
-def told(kind: type[Arguments], holonomic: bool) -> str:
+def arguments_table(kind: type[Arguments], holonomic: bool) -> str:
     """Returns a sheet's section of arguments: a row each, those of the task itself first."""
     robots = robots_with(holonomic)
     given = ", ".join(f'"{name}"' for name in robots)

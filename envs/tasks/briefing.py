@@ -99,7 +99,7 @@ class Briefing:
     team: int = 1  # robots of a world, whose rows lie together
     sight: float = 0.0  # m, within which bodies are tracked; 0: none are
 
-    def told(self, knows: str) -> "Briefing":
+    def restricted(self, knows: str) -> "Briefing":
         """Returns the part of it that one who declares `knows` has access to.
 
         Raises:

@@ -293,5 +293,5 @@ class Task(abc.ABC):
         """Returns what a frame shows of the task, as fields of `rendering.Scene`."""
 
     @abc.abstractmethod
-    def told(self, states: NDArray[np.void], knows: str) -> dict[str, Any]:
+    def briefing_fields(self, states: NDArray[np.void], knows: str) -> dict[str, Any]:
         """Returns the task's part of the briefing of a policy that knows `knows`."""

@@ -195,7 +195,7 @@ def test_rows_are_paid_at_their_own_pace_for_what_the_world_tells(env_id: str, p
         left = None if env.ways is None else env.ways(env.worlds)
         _, rewards, ended, _ = env.step(actions)
         actions = np.clip(actions, -1.0, 1.0)
-        told = dict(env.worlds.told)
+        told = dict(env.worlds.infos)
         if left is not None:
             assert env.ways is not None
             # where the next episode has begun, the way that was left is not known any more
