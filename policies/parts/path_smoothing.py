@@ -32,6 +32,7 @@ ROUNDS = 30  # in which wiggles of wiggles go, at most
 
 CLOSE = 1.4  # m, between corners, or a corner and an end, from which on a corner is left as sharp as it is
 CUT = 0.02  # m, by which a corner is cut where the next one is nearer than half of that
+NEAR_END = 0.3  # m, from an end of the path, within which it is cut by up to twice as much: the cell of a goal
 SHARP = 2.2  # rad, a turn by more than which is made on the spot
 PIECES = 8  # of a corner that is cut
 
@@ -58,8 +59,8 @@ def smoothed(course: Course | None, motion: Motion, ends_only: bool = False) -> 
     that is. The path is led there from EASE times their distance before, and back. A row of such corners does so
     together, and again until no two are left: stairs become the line through the middles of their steps.
 
-    What corners remain nearer than CLOSE to another, to an end or to where laps begin are cut, by no more than CUT, as
-    `rounded` says.
+    What corners remain nearer than CLOSE to another, to an end or to where laps begin are cut, by no more than CUT, or
+    twice that at an end, as `rounded` says.
 
     At an open path's ends a step back, as planners make it that add the exact start and goal, would turn the robot
     around: the first and last TAIL go straight on instead.
@@ -253,29 +254,32 @@ def rounded(points):
     """
     turns = corners(points)
     out = np.empty((points.shape[0] + (PIECES + 1) * np.count_nonzero(turns), 3))
+    last = points.shape[0] - 1
     count = 0
     fixed = 0
     before = 0
     i = 0
-    while i < points.shape[0]:
+    while i <= last:
         turn = abs(turns[i])
         if turn == 0.0:
             count = put(out, count, points[i, 0], points[i, 1], points[i, 2])
             i += 1
             continue
+        to_end = min(points[i, 2] - points[0, 2], points[last, 2] - points[i, 2])
         leg = min(points[i, 2] - points[before, 2], points[next_corner(turns, i), 2] - points[i, 2])
-        cut = CUT * min(2.0 - 2.0 * leg / CLOSE, 1.0)
+        room = leg * (0.9 if leg == to_end else 0.45)
+        cut = CUT * (min(2.0 - 2.0 * leg / CLOSE, 1.0) + max(1.0 - to_end / NEAR_END, 0.0))
         before = i
         if turn < LEAST or turn > SHARP or cut < 1e-3:
             count = put(out, count, points[i, 0], points[i, 1], points[i, 2])
             fixed = count
             i += 1
             continue
-        ease = min(2.0 * cut / sin_cos(0.5 * turn)[0], 0.45 * leg)
+        ease = min(2.0 * cut / sin_cos(0.5 * turn)[0], room)
         count = lead_in(points, i, ease, out, fixed, count)
-        last = count - 1
+        start = count - 1
         count, j = lead_out(points, turns, i, ease, out, count)
-        put_parabola(out, last, points[i])
+        put_parabola(out, start, points[i])
         count += PIECES - 1
         fixed = count
         i = j

@@ -29,6 +29,7 @@ BY_SPEED, BY_YAW_RATE = (3, 5, 8), (4, 6, 9)  # columns of a step's slopes: of w
 COST = 10  # numbers of the cost's slopes: four of the gradient, six of the Hessian
 ATTEMPTS = 1 + INPUTS  # at the inputs that lie on a bound
 FORESIGHT = 1.25  # of the time in which it stops, that a plan sees ahead at least
+ROUGH = 0.2  # of the weight of the distance from a path that `smoothed` changes: a planner's corners are no truer
 # of the damping, after a sweep that lowered the sum and after one that did not; where it begins, and its range
 EASIER, HARDER, AT_FIRST, LEAST, MOST = 0.3, 5.0, 30.0, 1e-4, 1e3
 
@@ -67,6 +68,9 @@ class Ilqr(PathLaw):
     next plan if its sum is lower. If not, the next sweep is damped more (Levenberg and Marquardt). A sweep that lowers
     the sum by less than `tolerance`, or the last of `sweeps`, ends it; the next control period begins with the plan
     moved on. The plan is driven as it is where no sweep makes it better, so that there is nothing to wait for.
+
+    Where the path is that of a planner, see `smoothed`, `position` weighs a fifth: its corners are no truer than its
+    cells, and driven to the millimetre each takes a stop.
 
     It finds a minimum, not the least: it does not look at other ways to come back from far off. A unicycle law that
     never reverses: an omni base drives it without its sideways motion.
@@ -121,29 +125,31 @@ class Ilqr(PathLaw):
         reach = BEHIND + 3.0 * math.pi * self.turn_radius + self.speed * periods * briefing.dt
         twists = np.empty((2, len(memory)))
         course, motion = smoothed(briefing.path, Motion.of(observation))
-        plan_rows(
-            params(self, briefing, periods=periods, rows=math.ceil(reach / SPACING) + 4),
-            course, motion, memory["plan"], memory["command"], memory["damping"], twists,
-        )  # fmt: skip
+        either = params(self, briefing, periods=periods, rows=math.ceil(reach / SPACING) + 4).repeat(2)
+        either["position"][1] *= ROUGH
+        rough = (course.runs["length"] != briefing.path.runs["length"]).astype(np.int64)
+        plan_rows(either, rough, course, motion, memory["plan"], memory["command"], memory["damping"], twists)
         return unicycle_twists(briefing.robot, twists[0], twists[1])
 
 
 @any_layout
 @allocating
-def plan_rows(params, course, motion, plans, command, damping, twists):
+def plan_rows(params, rough, course, motion, plans, command, damping, twists):
     """Makes the plans (b, INPUTS, n) better, sets the commands (b, 2) and fills the twists (2, b).
 
-    Beside the gains: `periods` of the horizon, and `rows` of the path ahead.
+    Beside the gains: `periods` of the horizon, and `rows` of the path ahead. The second row of params is that of paths
+    that are `rough` (runs,).
     """
-    p = params[0]
     vertices, runs, path_index = course
-    n = p.steps
-    path = np.empty((p.rows, 3))
+    n = params[0].steps
+    path = np.empty((params[0].rows, 3))
     start = np.empty(5)
     both = empty_plan(n), empty_plan(n)
     laws = np.zeros((n, INPUTS, STATE + 1))
     for i in range(plans.shape[0]):
-        locate(vertices, runs, path_index, params, motion.poses, motion.arc_lengths, i, path, start)
+        which = rough[path_index[i]]
+        p = params[which]
+        locate(vertices, runs, path_index, params[which : which + 1], motion.poses, motion.arc_lengths, i, path, start)
         stay_with_base(p, motion.twists, command, i)
         plan, other = both
         for a in range(3):

@@ -173,6 +173,10 @@ def test_stairs_take_a_law_that_plans_no_longer_than_lqr_nor_farther_off(law: st
         for slope in (5.0, 11.0, 22.5, 30.0, 40.0, 45.0)
         for neighbours in (4, 8)
     ]
+    for cells, step in itertools.product((1, 2), ((0, 1), (1, 1))):  # short ways, with a corner close to an end
+        way = [(k, 0) for k in range(round(1.0 / cell))]
+        way += [(way[-1][0] + k * step[0], k * step[1]) for k in range(1, cells + 1)]
+        paths += [Path(cell * np.array(way)), Path(cell * np.array(way[::-1]))]
     (times, errors), (of_lqr, off) = driven(law, paths), driven("lqr", paths)
     assert (times <= 1.2 * of_lqr).all(), times / of_lqr
     assert errors.mean() <= off.mean()
