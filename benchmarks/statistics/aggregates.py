@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
-import scipy.special
+import scipy
 from numpy.typing import NDArray
 
 from wayfield.benchmarks.statistics.crossed import enough, share_interval, spread, trimmed_mean, winsorised
