@@ -19,6 +19,7 @@ from wayfield.envs.trajectory_tracking import HELD, SETTLED
 from wayfield.policies.registry import entering
 
 _SPEC = TASKS["trajectory_tracking"]
+_FOLLOWED = tuple(each for each in _SPEC.families if each != "too_fast")
 BAR = 0.003  # m, of the preset
 SLOWEST = 0.02  # m/s, under which a robot is behind by no time
 
@@ -133,10 +134,8 @@ TRAJECTORY_TRACKING = Contest(
         "times what a regulator with the model leaves. Off the path is the distance to the nearest point of it, "
         "whenever the robot is there. Simulation only."
     ),
-    scenes={
-        "references that a base can follow": tuple(each for each in _SPEC.families if each != "too_fast"),
-        "too fast": ("too_fast",),
-    },
+    scenes={"references that a base can follow": _FOLLOWED, "too fast": ("too_fast",)},
+    tuned_on=_FOLLOWED,
     timed_on="eights",
     score=score,
     own_columns=(

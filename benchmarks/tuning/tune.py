@@ -49,8 +49,11 @@ from wayfield.envs.robots.intervals import Interval, drawn
 from wayfield.envs.robots.robot_option import RobotChoice
 from wayfield.envs.scenarios import scenarios_of, splits
 from wayfield.envs.tasks.specs import CROWDS
+from wayfield.envs.tasks.task import CONTROL_PERIOD
 from wayfield.policies.parts.gain import Range, gains_of
+from wayfield.policies.parts.laws import ReferenceLaw
 from wayfield.policies.parts.policy import check_robot
+from wayfield.policies.parts.sampled import check_stable
 from wayfield.policies.parts.tuned import PACE, TunedSet, condition, tuned_set
 from wayfield.system.checks import choose
 from wayfield.system.command_line import SEED, Choice, Finite, OneLineErrors, on_cluster, say, shared_out
@@ -403,13 +406,15 @@ class Search:
         return " ".join((*what, str(self.scenarios), self._digest(SEARCH_SPLIT)[:12], *rooms, source_digest()[:12]))
 
     def _drawn(self, trial: Any, fastest: float) -> dict[str, Any] | None:
-        """Returns the gains of a trial; None where two of them do not go together."""
+        """Returns the gains of a trial; None where two of them do not go together, or swing about any reference."""
         factor = trial.suggest_float("pace", PACE_FACTORS[0], fastest) if self.paced else 1.0
         ranges = self.ranges
         drawn = {k: rounded(trial.suggest_float(k, each.low, each.high, log=each.log)) for k, each in ranges.items()}
         try:
             gains = self.gains_at(drawn, factor)
-            wayfield.policies.make(self.policy, **gains)
+            law = wayfield.policies.make(self.policy, **gains)
+            if isinstance(law, ReferenceLaw):
+                check_stable(law, self.robot, self.robot.actuators(self.actuators), CONTROL_PERIOD)
         except ValueError:
             return None
         return gains

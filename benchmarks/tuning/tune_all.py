@@ -8,16 +8,18 @@ from collections.abc import Iterator
 
 import click
 
+from wayfield import policies
 from wayfield.benchmarks.contests import CONTESTS, ROBUST_LEVEL
 from wayfield.benchmarks.tuning.tune import SEARCHED, Search, budgeted, folder_of, starting_gains, summary, write_gains
 from wayfield.envs.robots import ROBOTS
+from wayfield.policies.parts.policy import lacks
 from wayfield.policies.parts.tuned import PACE, condition, tuned_conditions
 from wayfield.system.command_line import Names, OneLineErrors, on_cluster, say, shared_out
 
 Wanted = tuple[str, str, str, float, str]  # suite, policy, robot, requested speed (m/s), level of disturbance
 
 # times as long a decision as of the others, and so as many times fewer frames
-SLOW = {"mpc": 8, "mpc_pose": 8, "mppi": 8}
+SLOW = {"mpc": 8, "mpc_pose": 8, "mppi": 8, "timed_ilqr": 4, "timed_mpc": 8}
 
 
 def searches() -> Iterator[Wanted]:
@@ -28,10 +30,13 @@ def searches() -> Iterator[Wanted]:
     of_paths = [("p3dx", PACE, "none"), ("p3dx", PACE, ROBUST_LEVEL), *(("p3dx", v, "none") for v in speeds[1:])]
     of_paths += [(robot, PACE, "none") for robot in ("omni3", "omni4")]
     of_goals = [(robot, PACE, "none") for robot in ("p3dx", "omni3", "omni4")] + [("p3dx", PACE, ROBUST_LEVEL)]
-    for k in range(max(len(of_paths), len(of_goals))):
-        for contest, wanted in ((paths, of_paths), (goals, of_goals), *((each, of_goals[:1]) for each in others)):
+    of_timed = [of_goals[0], of_goals[1], of_goals[3]]
+    kept = {paths.name: of_paths, goals.name: of_goals, "trajectory-tracking": of_timed}
+    for k in range(max(map(len, kept.values()))):
+        for contest in (paths, goals, *others):
+            wanted = kept.get(contest.name, of_goals[:1])
             for name in contest.policies if k < len(wanted) else ():
-                if name in SEARCHED:
+                if name in SEARCHED and not lacks(policies.make(name), ROBOTS[wanted[k][0]]):
                     yield contest.name, name, *wanted[k]
 
 

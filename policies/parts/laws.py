@@ -34,7 +34,7 @@ class ReferenceLaw(Gains):
 
     lead: bool = gain(True, "", "whether it predicts where it and its reference are once a command has its effect")
     estimate: float = gain(
-        0.0, "1", "rate at which gains of the reference's twist are estimated; 0: none are", least=0.0
+        0.0, "1", "rate at which gains of the reference are estimated; 0: none", least=0.0, search=(0.0, 10.0)
     )
 
     knows: ClassVar[str] = "sensors"
@@ -47,7 +47,7 @@ class ReferenceLaw(Gains):
         Raises:
             ValueError: if errors would grow with these gains on this base: `sampled.check_stable`.
         """
-        check_stable(self, briefing)
+        check_stable(self, briefing.robot, briefing.actuators, briefing.dt)
         return np.zeros((briefing.num_envs, 4))
 
     def act(self, observation: trajectory_tracking.Observation, briefing: Briefing, memory: NDArray[Any]) -> Array:

@@ -18,16 +18,15 @@ _SETTLING = 10  # control periods, after which what a law keeps is steady
 _OFF = 1e-6  # m, rad, m/s, rad/s: of a derivative
 
 
-def check_stable(law: Any, briefing: Briefing) -> None:
-    """Raises ValueError, with the spectral radius, where a law's errors grow about a circle on the briefed base."""
-    key = (law, id(briefing.robot), briefing.actuators, briefing.dt)
+def check_stable(law: Any, robot: Robot, actuators: Actuators, dt: float) -> None:
+    """Raises ValueError, with the spectral radius, where a law's errors grow about a circle on a base."""
+    key = (law, id(robot), actuators, dt)
     if key not in _FOUND:
-        radius = float(np.abs(eigenvalues(law, briefing.robot, briefing.actuators, briefing.dt)).max())
-        _FOUND[key] = radius, briefing.robot
+        _FOUND[key] = float(np.abs(eigenvalues(law, robot, actuators, dt)).max()), robot
     if not (radius := _FOUND[key][0]) < 1.0:
         raise ValueError(
             f"{type(law).__name__}: errors about a circle grow by {radius:.4g} a control period with these gains on "
-            f"{briefing.robot.name!r} (lag {briefing.actuators.reaction:g} s); it must be less than 1: lower the gains"
+            f"{robot.name!r} (lag {actuators.reaction:g} s); it must be less than 1: lower the gains"
         )
 
 

@@ -31,7 +31,7 @@ class FeedbackLinear(ReferenceLaw):
 
     a: float = gain(2.26, "rad/s", "of the error's poles", above=0.0, search=(0.5, 3.5))
     zeta: float = gain(0.81, "1", "their damping", above=0.0, search=(0.4, 1.2))
-    least_speed: float = gain(0.05, "m/s", "held, to keep off the singularity", above=0.0)
+    least_speed: float = gain(0.05, "m/s", "held, to keep off the singularity", above=0.0, search=(0.01, 0.3))
 
     def decide(self, params: Any, aims: Any, memory: Any, twists: Any) -> None:
         """Fills the twists (b, 2) for AIM records (b,), and moves the speeds of the memory on."""

@@ -24,18 +24,21 @@ class Governed(Samson):
 
     With e_x the error ahead, the reference's time s goes at the rate s' = clip(1 + h - c e_x, least_rate, 1 + h), and
     its twist is that share of what it says; h is `hurry` while s is late, and 0 otherwise. At rate 0 Samson's gains are
-    0 too, and both would wait for ever. A base that cannot keep up cuts inside
-    of bends by any law; this one stays on the path, and comes late: it trades the error off the path for one in time,
-    which grows for as long as the base cannot. It is for starts on the reference: from beside it the clock waits too,
-    and what measures by the reference's own time sees it late from then on. It enters no contest.
+    0 too, and both would wait for ever. A base that cannot keep up cuts inside of bends by any law; this one stays on
+    the path, and comes late: it trades the error off the path for one in time, which grows for as long as the base
+    cannot. A start beside the reference makes it wait as well: with a large c and little hurry it is late for minutes.
 
     Source: Garone, Di Cairano, Kolmanovsky, Reference and command governors for systems with constraints: a survey,
     Automatica 75, 2017, for the idea; the rate is an addition.
     """
 
-    c: float = gain(20.0, "1/m", "by which the clock waits for an error ahead", above=0.0, search=(2.0, 50.0))
-    least_rate: float = gain(0.2, "1", "of the clock, at which the law still acts", above=0.0, most=1.0)
-    hurry: float = gain(0.1, "1", "by which the clock goes faster while it is late", least=0.0, most=1.0)
+    c: float = gain(5.0, "1/m", "by which the clock waits for an error ahead", above=0.0, search=(2.0, 50.0))
+    least_rate: float = gain(
+        0.5, "1", "of the clock, at which the law still acts", above=0.0, most=1.0, search=(0.2, 1.0)
+    )
+    hurry: float = gain(
+        0.5, "1", "by which the clock goes faster while it is late", least=0.0, most=1.0, search=(0.0, 1.0)
+    )
 
     knows: ClassVar[str] = "path"
 

@@ -29,7 +29,7 @@ class Samson(ReferenceLaw):
     """
 
     zeta: float = gain(0.81, "1", "damping", above=0.0, search=(0.4, 1.2))
-    b: float = gain(13.0, "1/m^2", "how soon an error aside is taken back", above=0.0, search=(1.0, 30.0))
+    b: float = gain(13.0, "1/m^2", "how soon an error aside is taken back", above=0.0, search=(1.0, 100.0))
 
     def decide(self, params: Any, aims: Any, memory: Any, twists: Any) -> None:
         """Fills the twists (b, 2) for AIM records (b,)."""
