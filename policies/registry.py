@@ -34,6 +34,8 @@ from wayfield.policies.references.kanayama import Kanayama
 from wayfield.policies.references.offset_point import OffsetPoint
 from wayfield.policies.references.pid_omni import PidOmni
 from wayfield.policies.references.samson import Samson
+from wayfield.policies.references.timed_ilqr import TimedIlqr
+from wayfield.policies.references.timed_mpc import TimedMpc
 from wayfield.policies.references.tv_lqr import TvLqr
 from wayfield.policies.scans.dwa import Dwa
 from wayfield.policies.scans.mppi import Mppi
@@ -148,7 +150,6 @@ ABOUT: dict[str, Listed] = {
         "dynamic feedback linearisation: poles of the error in the world",
         "Oriolo et al. 2002",
         (TIMED,),
-        searched=("a", "zeta"),
         protected="the speed that it integrates",
     ),
     "backstepping": Listed(
@@ -158,7 +159,7 @@ ABOUT: dict[str, Listed] = {
         Governed,
         "samson, with a clock that waits for the base: stays on the path, comes late",
         "Samson 1993; Garone et al. 2017",
-        searched=("zeta", "b", "c"),
+        (TIMED,),
         protected="its reference's time",
     ),
     "tv_lqr": Listed(
@@ -167,6 +168,20 @@ ABOUT: dict[str, Listed] = {
         "Anderson and Moore 1990",
         (TIMED,),
         protected="which period comes next",
+    ),
+    "timed_ilqr": Listed(
+        TimedIlqr,
+        "the plan of tv_lqr's sum within the base's accelerations, by iterative LQR",
+        "Li and Todorov 2004; Tassa et al. 2014",
+        (TIMED,),
+        protected="its plan",
+    ),
+    "timed_mpc": Listed(
+        TimedMpc,
+        "the plan of the same sum by a quadratic program a control period",
+        "Kuehne et al. 2004; Diehl et al. 2005",
+        (TIMED,),
+        protected="its plan",
     ),
     "pid_omni": Listed(
         PidOmni,

@@ -195,7 +195,10 @@ def rms(found: NDArray[np.float64], begin: int = 400) -> float:
     return float(np.sqrt((found[begin:] ** 2).mean()))
 
 
-@pytest.mark.parametrize(("name", "most"), [*((name, 1.0) for name in UNICYCLES), ("tv_lqr", 0.2)])
+@pytest.mark.parametrize(
+    ("name", "most"),
+    [*((name, 1.0) for name in UNICYCLES), ("tv_lqr", 0.2), ("timed_ilqr", 0.05), ("timed_mpc", 0.05)],
+)
 def test_an_eight_is_followed_within_a_millimetre_by_what_looks_ahead(name: str, most: float) -> None:
     assert 1e3 * rms(errors(make(name))[0]) <= most
     assert 1e3 * rms(errors(make(name), n=4, noise=1.0)[0]) <= 5.0
@@ -223,6 +226,23 @@ def test_a_base_that_cannot_keep_up_cuts_inside_and_a_governed_clock_keeps_it_on
     for c, most in ((5.0, 6e-3), (20.0, 1.6e-3)):
         _, states = errors(make("governed", c=c, hurry=0.0), 1200, scenario=scenario)
         assert abs(states["cross_track_error"][0]) < most
+
+
+@pytest.mark.parametrize("robot", ["p3dx", "omni3"])
+def test_dynamic_programming_and_a_quadratic_program_find_the_same_plan(robot: str) -> None:
+    """From 0.3 m off the first periods lie on the bounds; both then come in, and agree ever more closely."""
+    env: Any = gymnasium.make_vec(IDS[ROBOTS[robot].holonomic], 6, scenario="eights", robot=robot, actuators="lagged")
+    seen, _ = env.reset(seed=0)
+    pilots = [Pilot(make("timed_ilqr", horizon=25, sweeps=60, tolerance=0.0), env), Pilot(make("timed_mpc"), env)]
+    off = np.empty(100)
+    for pilot in pilots:
+        pilot.reset()
+    for k in range(len(off)):
+        found = [pilot.command(seen) for pilot in pilots]
+        off[k] = np.abs(found[0] - found[1]).max()
+        seen, *_ = env.step(found[0])
+    assert off[60:].max() < 0.01
+    assert off[90:].max() < 0.003
 
 
 def test_an_omni_base_faces_what_it_is_told_to() -> None:
