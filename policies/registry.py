@@ -325,7 +325,7 @@ ABOUT: dict[str, Listed] = {
         Ppo,
         "the agents that ship, trained by proximal policy optimisation",
         "Schulman et al. 2017",
-        (PATHS, GOALS, DOCKS),
+        (PATHS, TIMED, GOALS, DOCKS),
     ),
     "hybrid": Listed(
         Hybrid, "the scan planner plans, the agent that ships drives along its way", "Faust et al. 2018", (GOALS,)

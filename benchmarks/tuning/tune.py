@@ -53,7 +53,6 @@ from wayfield.envs.tasks.task import CONTROL_PERIOD
 from wayfield.policies.parts.gain import Range, gains_of
 from wayfield.policies.parts.laws import ReferenceLaw
 from wayfield.policies.parts.policy import check_robot
-from wayfield.policies.parts.sampled import check_stable
 from wayfield.policies.parts.tuned import PACE, TunedSet, condition, tuned_set
 from wayfield.system.checks import choose
 from wayfield.system.command_line import SEED, Choice, Finite, OneLineErrors, on_cluster, say, shared_out
@@ -413,8 +412,8 @@ class Search:
         try:
             gains = self.gains_at(drawn, factor)
             law = wayfield.policies.make(self.policy, **gains)
-            if isinstance(law, ReferenceLaw) and law.knows == "sensors":  # others need the reference for it
-                check_stable(law, self.robot, self.robot.actuators(self.actuators), CONTROL_PERIOD)
+            if isinstance(law, ReferenceLaw):
+                law.check(self.robot, self.robot.actuators(self.actuators), CONTROL_PERIOD)
         except ValueError:
             return None
         return gains

@@ -174,21 +174,17 @@ def regulated(base, holonomic, gains, a, b, pose, twist):
     sine, cosine = sin_cos(a.heading)
     x, y = to_body_frame(a.x, a.y, sine, cosine, pose[0], pose[1])
     turn = wrap_angle(pose[2] - a.heading)
-    dx = twist[0] - a.vx
-    dy = twist[1] - a.vy
-    dw = twist[2] - a.yaw_rate
-    cx -= gains[0, 0] * x + gains[0, 1] * y + gains[0, 2] * turn + gains[0, 3] * dx
-    if not holonomic:
-        cx -= gains[0, 4] * dw
-        cw -= gains[1, 0] * x + gains[1, 1] * y + gains[1, 2] * turn + gains[1, 3] * dx + gains[1, 4] * dw
-        return cx, 0.0, cw
-    cx -= gains[0, 4] * dy + gains[0, 5] * dw
-    cy -= (
-        gains[1, 0] * x + gains[1, 1] * y + gains[1, 2] * turn + gains[1, 3] * dx + gains[1, 4] * dy + gains[1, 5] * dw
-    )
-    cw -= (
-        gains[2, 0] * x + gains[2, 1] * y + gains[2, 2] * turn + gains[2, 3] * dx + gains[2, 4] * dy + gains[2, 5] * dw
-    )
+    for j in range(gains.shape[0]):
+        away = gains[j, 0] * x + gains[j, 1] * y + gains[j, 2] * turn + gains[j, 3] * (twist[0] - a.vx)
+        if holonomic:
+            away += gains[j, 4] * (twist[1] - a.vy)
+        away += gains[j, gains.shape[1] - 1] * (twist[2] - a.yaw_rate)
+        if j == gains.shape[0] - 1:
+            cw -= away
+        elif j == 0:
+            cx -= away
+        else:
+            cy -= away
     return cx, cy, cw
 
 

@@ -18,6 +18,7 @@ from wayfield.policies.learned.features import LIMIT, Array, Numbers
 from wayfield.policies.learned.features_dock import DockFeatures
 from wayfield.policies.learned.features_goal import Crumbs, GoalFeatures, Sights, fill_crumbs, fill_moving
 from wayfield.policies.learned.features_path import PathFeatures
+from wayfield.policies.learned.features_reference import ReferenceFeatures
 from wayfield.policies.learned.features_sheet import RobotFeatures, SheetFeatures
 from wayfield.policies.learned.features_team import TeamFeatures
 from wayfield.policies.parts.gain import Gains, gain
@@ -33,6 +34,7 @@ LIMITS = 3  # numbers of `limits_of`, but of `SheetFeatures`
 FEATURES: Mapping[str, type[Features]] = {
     "path_following": PathFeatures,
     "goal_reaching": GoalFeatures,
+    "trajectory_tracking": ReferenceFeatures,
     "docking": DockFeatures,
     "teams": TeamFeatures,
     "people": TeamFeatures,

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching, path_following, team_worlds, trajectory_tracking
+from wayfield.envs.robots import Actuators, Robot
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies.parts.gain import Gains, gain
 from wayfield.policies.parts.gain_estimate import estimate_gains
@@ -45,10 +46,14 @@ class ReferenceLaw(Gains):
         """Returns a memory (b, 4): two estimated gains, and what the law keeps of its own.
 
         Raises:
-            ValueError: if errors would grow with these gains on this base: `sampled.check_stable`.
+            ValueError: as `check`.
         """
-        check_stable(self, briefing.robot, briefing.actuators, briefing.dt)
+        self.check(briefing.robot, briefing.actuators, briefing.dt)
         return np.zeros((briefing.num_envs, 4))
+
+    def check(self, robot: Robot, actuators: Actuators, dt: float) -> None:
+        """Raises ValueError if errors would grow with these gains on a base: see `sampled.check_stable`."""
+        check_stable(self, robot, actuators, dt)
 
     def act(self, observation: trajectory_tracking.Observation, briefing: Briefing, memory: NDArray[Any]) -> Array:
         """Returns the twists (b, t), m/s and rad/s."""

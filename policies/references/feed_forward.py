@@ -3,10 +3,7 @@
 import dataclasses
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from wayfield.envs.tasks.briefing import Briefing
+from wayfield.envs.robots import Actuators, Robot
 from wayfield.policies.parts.laws import ReferenceLaw
 
 
@@ -18,9 +15,8 @@ class FeedForward(ReferenceLaw):
     about the reference, and need not learn how to drive along it.
     """
 
-    def reset(self, briefing: Briefing) -> NDArray[Any]:
-        """Returns a memory (b, 4) of nothing: errors neither fall nor grow by themselves."""
-        return np.zeros((briefing.num_envs, 4))
+    def check(self, robot: Robot, actuators: Actuators, dt: float) -> None:
+        """Refuses nothing: errors neither fall nor grow by themselves."""
 
     def decide(self, params: Any, aims: Any, memory: Any, twists: Any) -> None:
         """Fills the twists (b, 2) for AIM records (b,)."""

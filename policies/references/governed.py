@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs import trajectory_tracking
+from wayfield.envs.robots import Actuators, Robot
 from wayfield.envs.robots.kinematics import to_body_frame
 from wayfield.envs.robots.references import sample_index
 from wayfield.envs.tasks.briefing import Briefing
@@ -42,23 +43,22 @@ class Governed(Samson):
 
     knows: ClassVar[str] = "path"
 
-    def reset(self, briefing: Briefing) -> NDArray[Any]:
-        """Returns a memory (b, 4), of which the last two are the time and the reference's, in control periods."""
-        return Samson(self.lead, 0.0, self.zeta, self.b).reset(briefing)
+    # of the memory (b, 4) the last two are the time and the reference's, in control periods
+    def check(self, robot: Robot, actuators: Actuators, dt: float) -> None:
+        """Raises ValueError if errors would grow with the law's gains on a base whose clock does not wait."""
+        Samson(self.lead, 0.0, self.zeta, self.b).check(robot, actuators, dt)
 
     def act(
         self, observation: trajectory_tracking.Observation, briefing: Briefing, memory: NDArray[Any]
     ) -> NDArray[np.float64]:
         """Returns the twists (b, t), m/s and rad/s."""
         assert briefing.reference is not None
-        seen = observation._replace(
-            error=np.empty_like(observation.error),
-            reference_twist=np.empty_like(observation.reference_twist),
-            preview=np.empty_like(observation.preview),
-        )
+        b, points, numbers = observation.preview.shape
+        seen = np.zeros((b, points + 1, numbers))
         stride, gains = briefing.preview_spacing / briefing.dt, (self.c, self.least_rate, self.hurry)
-        wait(*briefing.reference, stride, gains, observation.pose, memory, *seen[2:4], seen.preview)
-        aims = aims_of(type(self).__name__, seen, briefing, self.lead)
+        wait(*briefing.reference, stride, gains, observation.pose, memory, seen)
+        now = observation._replace(error=seen[:, 0, :3], reference_twist=seen[:, 0, 3:], preview=seen[:, 1:])
+        aims = aims_of(type(self).__name__, now, briefing, self.lead)
         twists = np.empty((len(aims), 2))
         follow_samson(params(self, briefing), aims, twists)
         out = np.zeros((len(aims), len(briefing.robot.twist_axes)))
@@ -68,15 +68,18 @@ class Governed(Samson):
 
 @any_layout
 @compiled
-def wait(samples, times, index, stride, gains, poses, memory, error, twist, preview):
-    """Fills what robots (b, 3) observe of references at their own times and rates, and moves those times on."""
+def wait(samples, times, index, stride, gains, poses, memory, seen):
+    """Fills what robots (b, 3) see of references at their own times and rates, (b, 1 + k, 3 + t), and moves those on.
+
+    Poses in the frame of the robot and twists, now and ahead.
+    """
     c, least, hurry = gains
-    last = twist.shape[1] - 1
+    last = seen.shape[2] - 1
     for i in range(poses.shape[0]):
         run = times[index[i]]
         rate = 0.0
         sine, cosine = sin_cos(poses[i, 2])
-        for j in range(preview.shape[1] + 1):
+        for j in range(seen.shape[1]):
             at = memory[i, 3] + j * stride * rate
             k = int(at)
             z = at - k
@@ -86,21 +89,12 @@ def wait(samples, times, index, stride, gains, poses, memory, error, twist, prev
             if j == 0:
                 most = 1.0 + min(hurry, memory[i, 2] - memory[i, 3])
                 rate = min(max(most - c * x, least), most)
-            turn = wrap_angle(a.heading + z * wrap_angle(b.heading - a.heading) - poses[i, 2])
-            vx = rate * (a.vx + z * (b.vx - a.vx))
-            vy = rate * (a.vy + z * (b.vy - a.vy))
-            w = rate * (a.yaw_rate + z * (b.yaw_rate - a.yaw_rate))
-            if j == 0:
-                error[i, 0], error[i, 1], error[i, 2] = x, y, turn
-                twist[i, 0] = vx
-                if last == 2:
-                    twist[i, 1] = vy
-                twist[i, last] = w
-            else:
-                preview[i, j - 1, 0], preview[i, j - 1, 1], preview[i, j - 1, 2] = x, y, turn
-                preview[i, j - 1, 3] = vx
-                if last == 2:
-                    preview[i, j - 1, 4] = vy
-                preview[i, j - 1, 3 + last] = w
+            seen[i, j, 0] = x
+            seen[i, j, 1] = y
+            seen[i, j, 2] = wrap_angle(a.heading + z * wrap_angle(b.heading - a.heading) - poses[i, 2])
+            seen[i, j, 3] = rate * (a.vx + z * (b.vx - a.vx))
+            if last == 5:
+                seen[i, j, 4] = rate * (a.vy + z * (b.vy - a.vy))
+            seen[i, j, last] = rate * (a.yaw_rate + z * (b.yaw_rate - a.yaw_rate))
         memory[i, 2] += 1.0
         memory[i, 3] += rate

@@ -8,12 +8,11 @@ from numpy.typing import NDArray
 
 from wayfield.envs import trajectory_tracking
 from wayfield.envs.robots.references import References, sample_index
-from wayfield.envs.scenarios.reference_proofs import regulator, wanted_twist
+from wayfield.envs.scenarios.reference_proofs import regulated, regulator
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies.parts.gain import Gains, gain
 from wayfield.policies.parts.params import plant
 from wayfield.system.compiled import any_layout, compiled
-from wayfield.system.elementary import sin_cos
 
 MEMORY = np.dtype([("period", np.int64)])  # of the reference, that comes next
 
@@ -57,7 +56,7 @@ class TvLqr(Gains):
         twists = np.empty((len(memory), len(briefing.robot.twist_axes)))
         base = plant(briefing.robot, briefing.actuators, briefing.dt)
         regulate(
-            base, briefing.robot.holonomic, gains, first, *briefing.reference, observation.twist, observation.error,
+            base, briefing.robot.holonomic, gains, first, *briefing.reference, observation.pose, observation.twist,
             memory, twists,
         )  # fmt: skip
         return twists
@@ -89,26 +88,19 @@ _MOST_MADE = 16
 
 @any_layout
 @compiled
-def regulate(bases, holonomic, gains, first, samples, times, index, wheels, errors, memory, twists):
+def regulate(bases, holonomic, gains, first, samples, times, index, poses, wheels, memory, twists):
     """Fills the (b, t) twists of `TvLqr.act`, and counts the periods of the memory."""
-    base = bases[0]
     last = twists.shape[1] - 1
     for i in range(twists.shape[0]):
         run = times[index[i]]
         k = memory[i].period
         memory[i].period = k + 1
         at = sample_index(run, k)
-        here = samples[at]
-        cx, cy, cw = wanted_twist(base, here, samples[sample_index(run, k + 1)])
-        # the robot minus the reference, in the reference's frame
-        sine, cosine = sin_cos(errors[i, 2])
-        x = -cosine * errors[i, 0] - sine * errors[i, 1]
-        y = sine * errors[i, 0] - cosine * errors[i, 1]
-        for c in range(last + 1):
-            g = gains[first[i] + at - run.first, c]
-            away = g[0] * x + g[1] * y - g[2] * errors[i, 2]
-            away += g[3] * (wheels[i, 0] - here.vx)
-            if last == 2:
-                away += g[4] * (wheels[i, 1] - here.vy)
-            away += g[3 + last] * (wheels[i, last] - here.yaw_rate)
-            twists[i, c] = (cw if c == last else cx if c == 0 else cy) - away
+        there = samples[sample_index(run, k + 1)]
+        wheel = wheels[i, 0], wheels[i, 1] if last == 2 else 0.0, wheels[i, last]
+        pose = poses[i, 0], poses[i, 1], poses[i, 2]
+        twist = regulated(bases[0], holonomic, gains[first[i] + at - run.first], samples[at], there, pose, wheel)
+        twists[i, 0] = twist[0]
+        if last == 2:
+            twists[i, 1] = twist[1]
+        twists[i, last] = twist[2]

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs import goal_reaching, path_following
+from wayfield.envs import goal_reaching, path_following, trajectory_tracking
 from wayfield.envs.robots import Robot
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies.learned.agent import PACE_TIME, PATIENCE, Agent, body_of, load_agent
@@ -37,7 +37,11 @@ class Ppo(Gains):
         PATIENCE, "s", "without way to a dock or along a path, after which a law drives; 0: never", least=0.0
     )
 
-    observes: ClassVar[tuple[type, ...]] = (path_following.Observation, goal_reaching.Observation)
+    observes: ClassVar[tuple[type, ...]] = (
+        path_following.Observation,
+        trajectory_tracking.Observation,
+        goal_reaching.Observation,
+    )
     among: ClassVar[str] = ""  # behind the task, in the names of the folders of agents among bodies
     told: ClassVar[str] = "sensors"  # the privileged information of those that ship
 

@@ -29,6 +29,11 @@ PANELS = {
         Panel("error", "cross-track RMS, IQM (m)", scale="log"),
         Panel("p95", "95th percentile of the error (m)", scale="log"),
     ),
+    "reference": (
+        Panel("success", "success (share)", share=True),
+        Panel("error", "RMS error after 10 s, IQM (m)", scale="log"),
+        Panel("p95", "95th percentile of the error (m)", scale="log"),
+    ),
     "goal": (
         Panel("success", "success (share)", share=True),
         Panel("collision", "collisions (share)", share=True),

@@ -1,9 +1,10 @@
 """Writes into agents' cards what they do elsewhere: `python -m wayfield.policies.training.measured FOLDER ...`
 
-Each agent drives the validation scenarios with the slow actuators, a path follower also fast, a goal seeker also slowly
-and fast and what `make` gives who asks for nothing; one among others drives other fields instead, and among people also
-at their pace. Beside its validation, it is what an agent tells of itself where it warns. A path follower's card also
-says how fast it drives in the mean at a speed input, so that it can hold the one that it is asked for.
+Each agent drives the validation scenarios with the slow actuators, a path follower also fast, one that follows in time
+also under the disturbance moderate, a goal seeker also slowly and fast and what `make` gives who asks for nothing; one
+among others drives other fields instead, and among people also at their pace. Beside its validation, it is what an
+agent tells of itself where it warns. A path follower's card also says how fast it drives in the mean at a speed input,
+so that it can hold the one that it is asked for.
 """
 
 import dataclasses
@@ -41,6 +42,10 @@ def _of_paths(speed: float, base: Mapping[str, Any]) -> list[Condition]:
     return [(FAST, dict(base))]
 
 
+def _of_references(speed: float, base: Mapping[str, Any]) -> list[Condition]:
+    return [(speed, {**base, "disturbance": "moderate"})]
+
+
 def _of_goals(speed: float, base: Mapping[str, Any]) -> list[Condition]:
     """Returns other speeds, the greatest with slow actuators too, fewer beams, and what `make` gives.
 
@@ -67,6 +72,7 @@ def _among(task: str, paces: Sequence[float], speed: float, base: Mapping[str, A
 
 MORE: Mapping[str, Callable[[float, Mapping[str, Any]], list[Condition]]] = {
     "path_following": _of_paths,
+    "trajectory_tracking": _of_references,
     "goal_reaching": _of_goals,
     "docking": _of_docks,
     "teams": functools.partial(_among, "teams", ()),

@@ -62,6 +62,35 @@ class PathReward(Gains):
 
 
 @dataclasses.dataclass(frozen=True)
+class ReferenceReward(Gains):
+    """Reward of a step behind a reference, with the distance d from it and actions a:
+
+        1 / (1 + (d / error_scale)^2) + fine_share / (1 + (d / fine_scale)^2) - jerk_cost |a - a'|^2
+        - failure [left tube]
+
+    The first term leads there from afar, the second on to a millimetre. It is the bounded reward of the environment
+    with a second scale.
+    """
+
+    error_scale: float = gain(0.05, "m", "of the distance that halves the first term", above=0.0)
+    fine_share: float = gain(0.5, "1", "of the second term")
+    fine_scale: float = gain(0.005, "m", "of the distance that halves it", above=0.0)
+    jerk_cost: float = gain(0.02, "1", "of changes of the action, squared")
+    failure: float = gain(10.0, "1", "of leaving the tube")
+
+    def __call__(
+        self, info: Mapping[str, NDArray[Any]], speeds: Array, changes: NDArray[Any], dt: float, share: float
+    ) -> Array:
+        """Returns the rewards (b,); changes (2, b): see `changes_of`; share: of the run that is over."""
+        del speeds, dt, share
+        coarse, fine = (
+            1.0 / (1.0 + (info["position_error"] / each) ** 2) for each in (self.error_scale, self.fine_scale)
+        )
+        reward = coarse + self.fine_share * fine - self.jerk_cost * changes[0]
+        return np.asarray(reward - self.failure * info["left_corridor"])
+
+
+@dataclasses.dataclass(frozen=True)
 class GoalReward(Gains):
     """Reward of a step towards a goal, with progress ds (on the shortest way, where the map is known to the teacher):
 
@@ -108,7 +137,7 @@ class TeamReward(GoalReward):
         return super().__call__({**info, "clearance": nearer}, speeds, changes, dt, share)
 
 
-Reward = PathReward | GoalReward
+Reward = PathReward | ReferenceReward | GoalReward
 
 
 def changes_of(actions: NDArray[Any], before: NDArray[Any]) -> NDArray[Any]:

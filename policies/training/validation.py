@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 import wayfield.envs  # noqa: F401  registers the ids
 from wayfield.envs.scenarios import TaskSpec
+from wayfield.envs.trajectory_tracking import SETTLED
 from wayfield.envs.vector import NativeVectorEnv
 from wayfield.policies.parts.policy import Policy
 from wayfield.policies.pilot import Drive, Pilot
@@ -70,6 +71,20 @@ class Followed:
         return -(error + 0.25 * float(np.percentile(costs, 95))), error, costs
 
 
+class Tracked(Followed):
+    """What the cost of a robot that follows in time is: the RMS distance from its reference after SETTLED s."""
+
+    def __init__(self, count: int, clock: int, dt: float) -> None:
+        super().__init__(count, clock, dt)
+        self.settled = round(SETTLED / dt)
+
+    def step(self, before: NDArray[np.void], now: NDArray[np.void], alive: NDArray[np.bool_]) -> None:
+        """Adds a step of the robots that are `alive`, from their states before and after it."""
+        late = alive & (now["steps"] > self.settled)
+        self.squares += np.where(late, now["error_x"] ** 2 + now["error_y"] ** 2, 0.0)
+        self.along += late
+
+
 class Reached:
     """What the cost of a goal seeker is: the share of the clock that it took, 1 if it came too late, 2 if it hit."""
 
@@ -87,7 +102,7 @@ class Reached:
         return -float(costs.mean()), error, np.where(success > 0.0, times, self.clock * self.dt)
 
 
-_MEASURES: Mapping[str, type[Followed | Reached]] = {"path": Followed, "goal": Reached}
+_MEASURES: Mapping[str, type[Followed | Reached]] = {"path": Followed, "reference": Tracked, "goal": Reached}
 
 
 def measure_of(spec: TaskSpec) -> type[Followed | Reached]:
