@@ -794,7 +794,7 @@ def _cards() -> list[list[str]]:
             for card in cards:
                 own = {"env_kwargs": card["env_kwargs"], "asked_speed": card["speed"], **card["validation"]}
                 for each in (own, *card["measured"]):
-                    conditions.setdefault(_driven(each), []).append(each)
+                    conditions.setdefault(_driven(each, contest.spec.observes != "reference"), []).append(each)
             for driven, found in conditions.items():
                 cells = [
                     _spread([scale * each[name] for each in found], decimals)
@@ -807,11 +807,13 @@ def _cards() -> list[list[str]]:
     return lines
 
 
-def _driven(measured: Mapping[str, Any]) -> str:
+def _driven(measured: Mapping[str, Any], paced: bool) -> str:
     """Returns where and how an agent was measured, in words."""
     how = measured["env_kwargs"]
     beams = f", {how['num_beams']} beams" if "num_beams" in how else ""
-    return f"{how['scenario']}, {how['actuators']}{beams}, asked for {measured['asked_speed']:g} m/s"
+    disturbed = f", {how['disturbance']} disturbance" if "disturbance" in how else ""
+    asked = f", asked for {measured['asked_speed']:g} m/s" if paced else ""  # a reference sets the speed itself
+    return f"{how['scenario']}, {how['actuators']}{beams}{disturbed}{asked}"
 
 
 def _spread(numbers: Sequence[float], decimals: int) -> str:

@@ -41,8 +41,12 @@ IDS_OF[team_worlds.Observation] = ()  # tests/laws/test_crowds.py drives them
 OTHER_ROBOT = {("waypoint", DIFF_GOAL_ID), ("pid_omni", TIMED_IDS[0])} | {
     (name, env_id)
     for name in ("ppo", "hybrid")
-    for task, env_id, robot in (("path_following", OMNI_PATH_ID, "omni3"), ("goal_reaching", GOAL_ID, "omni3"))
-    if not shipped(task, robot)
+    for task, env_id in (
+        ("path_following", OMNI_PATH_ID),
+        ("trajectory_tracking", TIMED_IDS[1]),
+        ("goal_reaching", GOAL_ID),
+    )
+    if not shipped(task, "omni3")
 }
 EVERY_PAIR = [
     (name, env_id)
