@@ -10,7 +10,7 @@ import click
 
 from wayfield.benchmarks.commands.contest_options import Options, WrongOption
 from wayfield.benchmarks.contests import ALL_CONTESTS, Contest
-from wayfield.benchmarks.contests.contest import without_need
+from wayfield.benchmarks.contests.contest import left_out
 from wayfield.benchmarks.leaderboards.leaderboard import contest_tables
 from wayfield.benchmarks.records.episode import Episodes
 from wayfield.benchmarks.records.progress import tracked
@@ -81,8 +81,8 @@ def settings_of(options: Options) -> list[Setting]:
 
 
 def tell_left_out(options: Options, contests: Sequence[Contest]) -> None:
-    """Says on stderr which entrants the robot leaves out, where none was named: a line for each thing it cannot do."""
-    for line in [] if options.policies else without_need(contests, options.chosen_robot):
+    """Says on stderr which entrants the robot leaves out, where none was named, and why."""
+    for line in [] if options.policies else left_out(contests, options.chosen_robot):
         say(f"evaluate: {line}", err=True)
 
 

@@ -435,16 +435,19 @@ def with_agents(
     return (kept, [f"{line}; it is left out" for line in untrained.values()]) if kept or others else (names, [])
 
 
-def without_need(contests: Iterable[Contest], robot: Robot) -> list[str]:
-    """Returns a line for each thing that a robot cannot do, with the entrants of contests that need it."""
+def left_out(contests: Sequence[Contest], robot: Robot) -> list[str]:
+    """Returns which entrants of contests a robot leaves out: a line for each thing that they need, one for agents."""
     names = dict.fromkeys(name for each in contests for name in each.policies if name not in each.on_request)
     lacking = {name: lacks(policies.make(name), robot) for name in names}
-    found = {need: ", ".join(name for name in names if need in lacking[name]) for need in NEEDS}
-    return [
-        f"left out with {robot.name!r}, since they need a robot that {NEEDS[need]}: {those}"
-        for need, those in found.items()
-        if those
+    found = {
+        f"since they need a robot that {words}": [name for name in names if need in lacking[name]]
+        for need, words in NEEDS.items()
+    }
+    agents = [name for name in names if name in TRAINED and not lacking[name]]
+    found["of which no agent ships"] = [
+        name for name in agents if not any(any(each.gain_sets(name, robot, ())) for each in contests)
     ]
+    return [f"left out with {robot.name!r}, {why}: {', '.join(those)}" for why, those in found.items() if those]
 
 
 def _cruising(name: str, gains: Mapping[str, Any], entrant: Entrant | None, speed: float) -> dict[str, Any] | None:

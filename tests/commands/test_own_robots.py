@@ -121,7 +121,8 @@ def test_laws_that_need_what_a_robot_cannot_do_are_named_in_a_line(tmp_path: Pat
     words = [option, given, "--robot", car, "--dynamics", "kinematic", "--workers", "1", "--out", str(tmp_path / "out")]
     found = CliRunner().invoke(evaluate.main, words)
     assert found.exit_code == 0, found.output
-    (line,) = (line for line in found.stderr.splitlines() if "left out" in line)
+    line, agents = (line for line in found.stderr.splitlines() if "left out" in line)
+    assert agents == "evaluate: left out with 'cart', of which no agent ships: ppo"
     assert line.startswith("evaluate: left out with 'cart', since they need a robot that turns on the spot")
     rows = (tmp_path / "out/episodes.csv").read_text()
     named = line.rpartition(": ")[2].split(", ")
