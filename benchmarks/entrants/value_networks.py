@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from wayfield.envs import team_worlds
 from wayfield.envs.tasks.briefing import Briefing
+from wayfield.policies.parts.policy import check_robot
 from wayfield.system.checks import unread
 from wayfield.system.extras import installs
 from wayfield.system.readers import reader
@@ -67,7 +68,12 @@ class ValueNetwork:
         network(self.file)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
-        """Returns MEMORY records (b,)."""
+        """Returns MEMORY records (b,).
+
+        Raises:
+            ValueError: if the robot does not drive sideways.
+        """
+        check_robot(self, briefing.robot)
         return np.zeros(briefing.num_envs, MEMORY)
 
     def act(self, observation: Any, briefing: Briefing, memory: NDArray[Any]) -> Array:

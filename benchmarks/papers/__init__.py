@@ -2,6 +2,7 @@
 
 from wayfield.benchmarks.papers import (
     crowdnav,
+    crowdnav_sarl,
     dwa_switch,
     own_goals,
     own_paths,
@@ -10,6 +11,6 @@ from wayfield.benchmarks.papers import (
 )
 from wayfield.benchmarks.papers.claim import Claim
 
-CLAIMS: dict[str, Claim] = {
-    each.CLAIM.name: each.CLAIM for each in (own_paths, own_goals, own_teams, crowdnav, ros_jackal, dwa_switch)
-}
+_OWN = (own_paths, own_goals, own_teams)
+_PAPERS = (crowdnav, crowdnav_sarl, ros_jackal, dwa_switch)
+CLAIMS: dict[str, Claim] = {each.CLAIM.name: each.CLAIM for each in (*_OWN, *_PAPERS)}

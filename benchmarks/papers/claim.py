@@ -66,7 +66,7 @@ class Training:
     """What trains the agents of a claim anew: a preset of `wayfield train`, or a function of the claim's own.
 
     The function takes a folder, the training seeds, and the steps of each or None; what it writes there is read by the
-    class that drives, which takes the folder as `home`.
+    class that drives, which takes it as its gain `folder`.
     """
 
     preset: str = ""
@@ -170,7 +170,7 @@ def settings(claim: Claim, side: Side, scenes: int, home: Path | None = None) ->
     own = ":" in side.policy
     if own:
         anew = home is not None and claim.training is not None and claim.training.function
-        beside = f" home={shlex.quote(str(home))}" if anew else ""
+        beside = f" folder={shlex.quote(str(home))}" if anew else ""
         texts = [f"{side.policy} seed={seed}{beside}" for seed in side.seeds] or [side.policy]
         entrants = Entrants((), own=tuple(map(own_policy, texts)))
     else:
@@ -255,8 +255,7 @@ def judge(
 
     - none, where the rival as the source has it misses the printed number by more than the margin;
     - HOLDS, where the agent is better than the tuned rival, and than (c) where there is one;
-    - DOES_NOT_HOLD, where it is worse than (c);
-    - OPEN, where no rival was tuned, or the interval against the tuned one covers 0 and reaches beyond the margin;
+    - OPEN, where no rival was tuned, or the interval against the tuned one reaches beyond the margin;
     - ONLY_UNTUNED, where it is better than the untuned rival alone;
     - DOES_NOT_HOLD otherwise.
 
@@ -279,8 +278,6 @@ def judge(
     tuned = found.get(TUNED)
     if better(TUNED) and (ALSO not in found or better(ALSO)):
         verdict = HOLDS
-    elif ALSO in found and found[ALSO].high < 0.0:
-        verdict = DOES_NOT_HOLD
     elif tuned is None or not tuned.high <= margin:
         verdict = OPEN
     else:

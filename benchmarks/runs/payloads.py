@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from wayfield.benchmarks.entrants.own_policies import OwnClass, OwnModel, imported
+from wayfield.benchmarks.entrants.own_policies import OwnClass, OwnModel, OwnNetwork, imported
 from wayfield.benchmarks.records.cases import Case
 from wayfield.benchmarks.records.run_folder import file_digest
 from wayfield.benchmarks.runs.suite import Setting
@@ -59,7 +59,9 @@ def payload(setting: Setting) -> Payload:
         found += sorted(each for each in trained(case.gains["home"])[case.gains["seed"]].iterdir() if each.is_file())
     if isinstance(case.entrant, OwnModel):
         found.append(Path(case.entrant.file))
-    if isinstance(case.entrant, OwnClass) and (file := imported(case.entrant.module).__file__):
+    if isinstance(case.entrant, OwnNetwork):
+        found.append(Path(case.gains["file"]))
+    elif isinstance(case.entrant, OwnClass) and (file := imported(case.entrant.module).__file__):
         found.append(Path(file))
     return Payload(setting, {str(file): file.read_bytes() for file in found})
 
@@ -113,7 +115,9 @@ def _moved(case: Case, here: Mapping[str, Path], files: Mapping[str, bytes]) -> 
         case = dataclasses.replace(case, gains={**case.gains, "home": str(agents[0].parents[2])})
     if isinstance(case.entrant, OwnModel):
         case = dataclasses.replace(case, entrant=dataclasses.replace(case.entrant, file=str(here[case.entrant.file])))
-    if isinstance(case.entrant, OwnClass):
+    if isinstance(case.entrant, OwnNetwork):
+        case = dataclasses.replace(case, gains={**case.gains, "file": str(here[case.gains["file"]])})
+    elif isinstance(case.entrant, OwnClass):
         _loaded(case.entrant, here, files)
     return case
 

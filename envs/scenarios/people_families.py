@@ -414,7 +414,7 @@ def feasible(scenario: TeamScenario) -> bool:
     return False
 
 
-CROWDNAV_CASES = 500  # of its test, whose generators are seeded 1000 and up
+CROWDNAV_CASES, CROWDNAV_TESTS = 500, 1000  # of its test, and the seed of the first
 
 
 def crowdnav_tests(hull_radius: float) -> tuple[TeamScenario, ...]:
@@ -423,11 +423,12 @@ def crowdnav_tests(hull_radius: float) -> tuple[TeamScenario, ...]:
     Source: Chen, Liu, Kreiss and Alahi, ICRA 2019; github.com/vita-epfl/CrowdNav (crowd_sim.py, env.config).
     """
     del hull_radius
-    return tuple(_crowdnav_test(k) for k in range(CROWDNAV_CASES))
+    return tuple(crowdnav_case(CROWDNAV_TESTS + k) for k in range(CROWDNAV_CASES))
 
 
-def _crowdnav_test(k: int) -> TeamScenario:
-    random = np.random.RandomState(1000 + k).random_sample  # the legacy generator, as there
+def crowdnav_case(seed: int) -> TeamScenario:
+    """Returns the case of a seed of CrowdNav's: 0 to 99 validate, 1000 to 1499 test, from 2000 on it trains."""
+    random = np.random.RandomState(seed).random_sample  # the legacy generator, as there
     start, goal = (0.0, -4.0), (0.0, 4.0)
     ends = [(start, goal)]
     while len(ends) < 6:
@@ -440,7 +441,7 @@ def _crowdnav_test(k: int) -> TeamScenario:
     people = [{"x": x, "y": y, "goal_x": u, "goal_y": v, "then": STAYS, **orca} for (x, y), (u, v) in ends[1:]]
     ahead = 0.5 * math.pi
     return TeamScenario.made(
-        f"crowdnav_{k}",
+        f"crowdnav_{seed - CROWDNAV_TESTS}",
         [(*start, ahead)],
         [(*goal, ahead)],
         walks=walks_of(people),

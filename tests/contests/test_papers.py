@@ -4,6 +4,7 @@ import csv
 import dataclasses
 from pathlib import Path
 
+import crowdnav_rules
 import numpy as np
 import papers
 import pytest
@@ -11,7 +12,7 @@ from click.testing import CliRunner
 
 from wayfield.benchmarks.commands.evaluate import main
 from wayfield.benchmarks.contests import ALL_CONTESTS
-from wayfield.benchmarks.papers import CLAIMS
+from wayfield.benchmarks.papers import CLAIMS, crowdnav_sarl
 from wayfield.benchmarks.papers.claim import (
     DOES_NOT_HOLD,
     HOLDS,
@@ -26,6 +27,7 @@ from wayfield.benchmarks.papers.claim import (
     judge,
     train,
 )
+from wayfield.envs.scenarios.people_families import crowdnav_tests
 
 ROOT = Path(__file__).parents[2]
 SCENES = 2000
@@ -51,7 +53,7 @@ def claim(**changed: object) -> Claim:
         (0.5, 0.9, 0.9, None, DOES_NOT_HOLD),
         (0.9, 0.5, None, None, OPEN),
         (0.9, None, 0.8, None, HOLDS),
-        (0.9, 0.5, 0.8, 0.95, DOES_NOT_HOLD),  # better than the rival, and worse than the part of it that learned
+        (0.9, 0.5, 0.8, 0.95, OPEN),  # better than the rival, and worse than the part of it that learned
         (0.9, 0.5, 0.8, 0.85, HOLDS),
     ],
 )
@@ -104,6 +106,15 @@ def test_a_claim_says_what_it_is_of_and_what_differs(each: Claim) -> None:
     assert each.course or each.published or set(each.families) <= set(contest.spec.families)
     assert each.tuned is None or each.tuned.budget != "none"
     assert each.untuned or each.gate is None
+
+
+def test_orca_in_crowdnavs_rules_has_the_outcomes_of_rvo2() -> None:
+    """RVO2 in float32 succeeds in 0.426 of the 500 tests, in 10.863 s."""
+    _, driven = crowdnav_rules.walked(crowdnav_tests(0.3), {})
+    crowd, _ = crowdnav_rules.walked(crowdnav_tests(0.3), crowdnav_sarl.SEARCHED)  # people are blind to the robot
+    won, times = crowdnav_rules.ends_of(crowd, lambda k, on, _: driven[on, k])
+    assert won.mean() == 0.426
+    assert times[won].mean() == pytest.approx(10.863, abs=0.002)
 
 
 def test_the_page_is_what_its_rows_make() -> None:
