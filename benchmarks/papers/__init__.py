@@ -4,6 +4,7 @@ from wayfield.benchmarks.papers import (
     crowdnav,
     crowdnav_sarl,
     dwa_switch,
+    lookahead_ppo,
     own_goals,
     own_paths,
     own_teams,
@@ -12,5 +13,5 @@ from wayfield.benchmarks.papers import (
 from wayfield.benchmarks.papers.claim import Claim
 
 _OWN = (own_paths, own_goals, own_teams)
-_PAPERS = (crowdnav, crowdnav_sarl, ros_jackal, dwa_switch)
+_PAPERS = (crowdnav, crowdnav_sarl, ros_jackal, dwa_switch, lookahead_ppo)
 CLAIMS: dict[str, Claim] = {each.CLAIM.name: each.CLAIM for each in (*_OWN, *_PAPERS)}

@@ -22,6 +22,7 @@ from wayfield.benchmarks.papers.claim import (
     Claim,
     Driven,
     Gate,
+    Side,
     drive,
     gathered,
     judge,
@@ -117,6 +118,17 @@ def test_orca_in_crowdnavs_rules_has_the_outcomes_of_rvo2() -> None:
     assert times[won].mean() == pytest.approx(10.863, abs=0.002)
 
 
+def test_a_rule_that_is_constant_is_pure_pursuit() -> None:
+    claim = dataclasses.replace(
+        CLAIMS["lookahead_ppo"],
+        families=("splines", "polylines_90"),
+        agent=Side("", "wayfield.benchmarks.papers.lookahead_ppo:Pursuit base=0.5"),
+        tuned=None,
+    )
+    sides, _ = gathered(drive(claim, 2))
+    np.testing.assert_array_equal(sides["agent"].cost, sides["a"].cost)
+
+
 def test_the_page_is_what_its_rows_make() -> None:
     assert (ROOT / papers.PAGE).read_text(encoding="utf-8") == papers.page(ROOT)
 
@@ -137,7 +149,7 @@ def test_a_claim_runs_again_as_it_was_published(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "steps"), [("own_paths", 40_000)])
+@pytest.mark.parametrize(("name", "steps"), [("lookahead_ppo", 20_000), ("own_paths", 40_000)])
 def test_a_claim_is_trained_anew_the_same_each_time(tmp_path: Path, name: str, steps: int) -> None:
     """By a function of its own and by a preset; the agents that were trained drive, not those that ship."""
     pytest.importorskip("torch")
