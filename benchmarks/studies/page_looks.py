@@ -18,6 +18,7 @@ from wayfield.policies.parts.detour import LOOK, seek
 from wayfield.policies.parts.stopping import (
     APPROACH,
     SECTORS,
+    Scan,
     arrived,
     braking_speed,
     find_approaching,
@@ -27,6 +28,7 @@ from wayfield.policies.parts.stopping import (
     turn_towards,
 )
 from wayfield.policies.paths import lqr, stanley
+from wayfield.policies.poses import reeds_shepp_scan
 from wayfield.policies.poses.potential_field import around, corrected_force
 from wayfield.policies.scans import dwa, mppi, vfh_plus
 from wayfield.policies.teams import orca, orca_team, orca_team_map
@@ -266,6 +268,16 @@ def orca_of_team_map(
 
 
 @allocating
+def dock_by_scan(
+    params: Any, whole: Any, seen: Any, laid: Any, standing: Any, goals: Any, turns: Any, memory: Any, twists: Any
+) -> None:
+    """Fills the (1, 2) twists of `ReedsSheppScan`, which lays down what its scan hits before it decides."""
+    scan = Scan(whole.ranges.copy(), whole.directions, whole.reach, whole.older, whole.newer)
+    reeds_shepp_scan.lay_hits(params, whole, scan, seen, memory, laid.obstacles, laid.counts, standing)
+    reeds_shepp_scan.drive(params, laid, standing, seen.poses, goals, turns, memory, twists)
+
+
+@allocating
 def half_planes_of_team(
     params: Any, measured: Any, poses: Any, goals: Any, bodies: Any, ranges: Any, beams: Any, memory: Any, looked: Any
 ) -> None:
@@ -391,11 +403,12 @@ TO_POSES: Mapping[str, Look] = {
     "scan_planner": Look("way", "plan", planned, (256, 2)),
     "astar_tracker": Look("way", "plan", planned, (256, 2)),
     "reeds_shepp": Look("way", "plan", maneuver, (129, 2)),
+    "reeds_shepp_scan": Look("way", "plan", maneuver, (129, 2)),
     "mppi": Look("rollouts", "rollouts", rollouts, (DRAWN + 1, 33, 2)),
-    "orca": Look("half_planes", "half-planes of velocities", half_planes, (LINES + 2, 4)),
+    "orca": Look("half_planes", "velocities ORCA rules out", half_planes, (LINES + 2, 4)),
 }
 # of those that drive among other bodies alone
 AMONG_BODIES: Mapping[str, Look] = {
-    "orca_team": Look("half_planes", "half-planes of velocities", half_planes_of_team, (LINES + 2, 4)),
+    "orca_team": Look("half_planes", "velocities ORCA rules out", half_planes_of_team, (LINES + 2, 4)),
     "orca_team_map": Look("way", "plan", planned, (256, 2)),
 }

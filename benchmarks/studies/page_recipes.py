@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from page_looks import ALONG_PATHS as LOOKS_ALONG_PATHS
 from page_looks import AMONG_BODIES as LOOKS_AMONG_BODIES
 from page_looks import TO_POSES as LOOKS_TO_POSES
-from page_looks import Look, orca_of_team, orca_of_team_map
+from page_looks import Look, dock_by_scan, orca_of_team, orca_of_team_map
 
 from wayfield.benchmarks.contests import CONTESTS, FOUND, Contest
 from wayfield.benchmarks.contests.crowds import PEOPLE, TEAMS
@@ -28,7 +28,7 @@ from wayfield.envs.robots import ACTUATORS, ROBOTS, Robot
 from wayfield.envs.robots.disturbances import DISTURBANCES
 from wayfield.envs.robots.records import MAX_WHEELS
 from wayfield.envs.scenarios.goal_families import LARGEST_HULL
-from wayfield.envs.tasks.briefing import Briefing
+from wayfield.envs.tasks.briefing import Briefing, Course
 from wayfield.envs.tasks.specs import CROWDS
 from wayfield.envs.vector import NativeVectorEnv
 from wayfield.envs.world.geometry import OBSTACLE
@@ -37,14 +37,16 @@ from wayfield.envs.world.paths import RUN, VERTEX
 from wayfield.policies import Pilot, cruising, make
 from wayfield.policies.learned.agent import SHIELD, Agent
 from wayfield.policies.learned.conditions import effective_actuators, network_speed, out_of_distribution
+from wayfield.policies.learned.features_sheet import RobotFeatures
 from wayfield.policies.learned.perception import limits_of
-from wayfield.policies.parts import forward_prediction, shield
+from wayfield.policies.parts import forward_prediction, path_smoothing, shield
 from wayfield.policies.parts.gain import Gain, gains_of
 from wayfield.policies.parts.params import PLANT
 from wayfield.policies.parts.policy import lacks
 from wayfield.policies.parts.stopping import NEAR_ENOUGH
 from wayfield.policies.registry import NoCruisingSpeed
-from wayfield.system.compiled import compiled
+from wayfield.policies.trained.any_robot import APPROACHED, BEHIND_PLANNER, PACE, WAY, AnyRobot, agents_of
+from wayfield.system.compiled import allocating, compiled
 from wayfield.system.elementary import bearing
 
 # The compiled decision of each policy that has one, along a path and to a pose: module and function, and where the
@@ -57,12 +59,15 @@ ALONG_PATHS: Mapping[str, Decision] = {
     "smooth_pose": ("smooth_pose", "chase", "twists", "unicycle"),
     "stanley": ("stanley", "steer_rows", "command", "unicycle"),
     "lqr": ("lqr", "steer_rows", "command", "unicycle"),
+    "ilqr": ("ilqr", "plan_rows", "twists", "unicycle"),
 }
+ENDS_ONLY = ("lqr",)  # of those, which all drive a path without its wiggles: rounds the path itself
 TO_POSES: Mapping[str, Decision] = {
     "polar": ("polar", "approach", "twists", "unicycle"),
     "smooth_pose": ("smooth_pose", "approach", "twists", "unicycle"),
     "smooth_pose_backward": ("smooth_pose", "approach", "twists", "unicycle"),
     "reeds_shepp": ("reeds_shepp", "drive", "twists", "unicycle"),
+    "reeds_shepp_scan": ("reeds_shepp_scan", "drive", "twists", "unicycle"),  # in steps, of JOINED
     "waypoint": ("waypoint", "drive", "twists", "planar"),
     "apf_corrected": ("potential_field", "steer", "twists", "planar"),
     "vfh_plus": ("vfh_plus", "steer", "twists", "planar"),
@@ -82,7 +87,7 @@ AMONG_BODIES: Mapping[str, Decision] = {
 OF_ANY_TASK = ("smooth_pose",)  # drives in the page wherever it can, besides those that enter the contest
 # Trained agents, which put together what several functions fill.
 AGENT = "ppo"
-AGENTS = (AGENT, "team_guided", "team_scan", "people_free")
+AGENTS = (AGENT, "hybrid", "any_robot", "team_guided", "team_scan", "people_free")
 NETWORK_ALONG_PATHS = (("perception", "fill_path"), ("agent", "hold"), ("agent", "forward"))
 NETWORK_TO_POSES = (
     ("perception", "fill_goal"),
@@ -102,9 +107,11 @@ NETWORK_AMONG_BODIES = (
     ("orca_team", "want"),
     ("orca_team", "avoid"),
 )
+# and a planner above it
+PLANNED = (("scan_planner", "decide"), ("hybrid", "lead"), ("any_robot", "find_approached"))
 NETWORKS: Mapping[str, Sequence[tuple[str, str]]] = {
     "path": NETWORK_ALONG_PATHS,
-    "goal": NETWORK_TO_POSES,
+    "goal": (*NETWORK_TO_POSES, *PLANNED),
     "dock": (*NETWORK_TO_POSES, ("perception", "fill_pose")),
     **dict.fromkeys(("team", "people"), NETWORK_AMONG_BODIES),
 }  # by kind
@@ -117,18 +124,25 @@ CALLED_IN: Mapping[str, str] = {
     "fill_bodies": "features_team",
 }
 _OF_PERCEPTION = (*CALLED_IN.values(), "arrival", "guard")
-ROOMS = ("paths", "poses", "scans", "teams", "learned")  # of the modules that are named here
+ROOMS = ("paths", "poses", "scans", "teams", "learned", "trained")  # of the modules that are named here
 
 # What an argument of a law is, by its name; all else is a constant.
 ROLES = {
     "course.vertices": "told.vertices",
     "course.runs": "told.runs",
     "course.path_index": "told.path_index",
+    "rough": "told.rough",
     "motion.poses": "seen.pose",
     "motion.twists": "seen.twist",
     "motion.arc_lengths": "seen.arc_length",
     "scan.ranges": "seen.ranges",
     "ranges": "seen.ranges",
+    "whole.ranges": "seen.ranges",
+    "whole.older": "memory",
+    "whole.newer": "memory",
+    "laid.obstacles": "fresh",
+    "laid.counts": "fresh",
+    "standing": "fresh",
     "scan.older": "memory",
     "scan.newer": "memory",
     "seen.poses": "seen.pose",
@@ -151,6 +165,8 @@ ROLES = {
     "told.frames": "told.frames",
     "told.cells": "told.cells",
     "memory": "memory",
+    "plans": "memory",
+    "damping": "memory",
     "commands": "memory",
     "arrived": "memory",
     "twists": "out",
@@ -248,6 +264,14 @@ def agents(task: str) -> tuple[str, ...]:
     return tuple(name for name in AGENTS if name in contest_of(task).policies)
 
 
+def agent_labels(task: str, name: str, robot: str) -> list[str]:
+    """Returns what a trained agent of the first seed is called with a robot; nothing where none drives it."""
+    if name == "any_robot" and not agents_of(ROBOTS[robot]):
+        return []
+    sets = contest_of(task).gain_sets(name, robot, ("default",))
+    return [name if of == "default" else f"{name} ({of})" for of, gains in sets if not gains.get("seed")]
+
+
 def network(task: str) -> list[tuple[Any, str]]:
     """Returns the modules and names of the compiled functions of the agents that ship for a task."""
     return [(of_policies(module, name), name) for module, name in NETWORKS[contest_of(task).spec.kind]]
@@ -264,6 +288,10 @@ JOINED: Mapping[str, tuple[Any, tuple[tuple[str, str, Mapping[str, str]], ...]]]
             ("orca_team", "want", {"params": "", "goals": "", "out": ""}),
             ("orca_team", "avoid", {}),
         ),
+    ),
+    "reeds_shepp_scan": (
+        dock_by_scan,
+        (("reeds_shepp_scan", "lay_hits", {}), ("reeds_shepp_scan", "drive", {"told": "laid", "poses": ""})),
     ),
 }
 
@@ -310,6 +338,9 @@ def environment(
 ) -> NativeVectorEnv:
     """Returns an environment as the contest of the task has it, with one robot; a sheet is a differential one."""
     contest = contest_of(task)
+    if scenario.endswith("/test"):
+        hull = (robot if isinstance(robot, Robot) else ROBOTS[robot]).hull_radius
+        scenario = contest.spec.repertoire.split_for(scenario, hull)
     env = gymnasium.make_vec(
         contest.env_id(BASE if isinstance(robot, Robot) else robot),
         1,
@@ -422,6 +453,7 @@ def recipe(
         "kind": kind,
         "knows": policy.knows,
         "rest": rest,
+        "smooth": task == "path_following" and ("ends" if name in ENDS_ONLY else "whole"),
         "sheet": of_sheet(name, policy, handed) if name in OF_SHEETS else None,
         "look": look_table(module, look) if (look := look_of(task, name)) else None,
     }
@@ -655,10 +687,17 @@ def agent_calls(task: str, pilot: Pilot, env: NativeVectorEnv) -> list[tuple[Any
     pilot.reset()
     calls = noted(pilot, observation, network(task))
     if shielded_from(agent_of(pilot), pilot.briefing):
-        fields = pilot.briefing.layout.unpack(observation.astype(np.float64))
-        still = np.zeros((1, len(pilot.briefing.robot.twist_axes)))
-        with watched(shield, "filter_twists", calls):
-            SHIELD.passed(fields, pilot.briefing, SHIELD.reset(pilot.briefing), still)
+        calls += shield_calls(SHIELD, pilot, observation)
+    return calls
+
+
+def shield_calls(behind: shield.Shield, pilot: Pilot, observation: Any) -> list[tuple[Any, Any]]:
+    """Returns the call of a shield."""
+    calls: list[tuple[Any, tuple[Any, ...]]] = []
+    fields = pilot.briefing.layout.unpack(observation.astype(np.float64))
+    still = np.zeros((1, len(pilot.briefing.robot.twist_axes)))
+    with watched(shield, "filter_twists", calls):
+        behind.passed(fields, pilot.briefing, behind.reset(pilot.briefing), still)
     return calls
 
 
@@ -671,8 +710,8 @@ def agent_of(pilot: Pilot) -> Agent:
 
 def shielded_from(agent: Agent, briefing: Briefing) -> int:
     """Returns the least team of robots that an agent is shielded in; 0: it is in none."""
-    if not agent.features.shielded:
-        return 0
+    if agent.features.shielded in (False, "always"):
+        return int(bool(agent.features.shielded))
     teams = agent.card["trained_on"].get("teams")
     return 1 if out_of_distribution(agent.card, briefing, agent.speed) else max(teams) + 1 if teams else 0
 
@@ -689,17 +728,22 @@ def network_recipe(
     calls = {name_of(kernel): dict(leaves(names_of(kernel), values)) for kernel, values in noted_calls}
     agent = agent_of(pilot)
     actuators = effective_actuators(agent.card, pilot.briefing)
-    memory = agent.perception(pilot.briefing).fresh(1)
     forward = calls["forward"]
-    features: Any = agent.features  # of a kind that its task says
+    perception = agent.perception(pilot.briefing)
+    features: Any = perception.features  # of a kind that its task says
+    actions = perception.actions
     told: dict[str, Any] = {
         "make": {"name": name, "gains": gains},
         "network": True,
         "knows": policy.knows,
-        "speed": agent.speed if agent.keeps_pace else network_speed(agent.card, pilot.briefing, agent.speed),
-        "kind": agent.actions.kind,
-        "yaw_rate": agent.actions.yaw_rate,
-        "reverse": agent.actions.reverse,
+        "speed": features.speed_scale
+        if isinstance(features, RobotFeatures)
+        else agent.speed
+        if agent.keeps_pace
+        else network_speed(agent.card, pilot.briefing, agent.speed),
+        "kind": actions.kind,
+        "yaw_rate": actions.yaw_rate,
+        "reverse": actions.reverse,
         "previous": features.previous,
         "frames": features.frames,
         "stride": features.stride,
@@ -710,7 +754,7 @@ def network_recipe(
         "moved": features.moved,
         "width": features.width(len(env.task.robot.twist_axes)),
         "inputs": int(forward["sizes"][0]),
-        "memory": memory.nbytes // 4,
+        "memory": perception.fresh(1).nbytes // 4,
         "rectified": bool(forward["rectified"]),
         "sizes": blobs.put(forward["sizes"]),
         "layers": len(forward["sizes"]),
@@ -737,12 +781,9 @@ def network_recipe(
         bodies = calls["fill_bodies"]
         told |= {"bodied": bodies["out"].shape[1], "bodies": int(bodies["count"]), "fronted": bool(bodies["fronted"])}
     parts = {
-        name_of(kernel): {
-            "export": export_in(kernel),
-            "arguments": [_argument(each, value, blobs) for each, value in leaves(names_of(kernel), values)],
-        }
+        name_of(kernel): part_of(kernel, values, blobs)
         for kernel, values in noted_calls
-        if name_of(kernel) in ("want", "avoid", "filter_twists")
+        if name_of(kernel) in ("want", "avoid", "filter_twists", "decide")
     }
     if agent.base is not None:
         if agent.actions.kind != "planar":
@@ -751,6 +792,10 @@ def network_recipe(
         told["base"] = {"guards": agent.base.guards, "reach": agent.base.reach} | laws
     if shielded_from(agent, pilot.briefing):
         told["shield"] = {"from": shielded_from(agent, pilot.briefing)} | parts["filter_twists"]
+    if isinstance(features, RobotFeatures):
+        told |= of_any_robot(features)
+    if "decide" in parts:
+        told |= planned(pilot, env, agent.speed, parts["decide"], calls["decide"]["memory"].dtype, blobs)
     if "guard" in calls:
         told["guard"] = np.asarray(calls["guard"]["law"]).tolist()
     if "hold" in calls:
@@ -758,7 +803,8 @@ def network_recipe(
         told["hold"] = np.minimum(calls["hold"]["law"], _UNREACHED).tolist()
         told["matrix"] = np.asarray(calls["hold"]["matrix"]).tolist()
     sliders: dict[str, Any] = {"gains": [], "fixed": list(gains_of(policy))}
-    low, high = min(agent.card["trained_on"]["speeds"]), max(agent.card["trained_on"]["speeds"])
+    speeds = agent.card["trained_on"].get("speeds", [agent.speed])
+    low, high = min(speeds), max(speeds)
     if agent.base is not None and low < high:
         speed: dict[str, Any] = {
             "name": "speed",
@@ -772,6 +818,55 @@ def network_recipe(
     # a base slower than those it knows is driven more slowly by a law of its own
     known = told["speed"] == agent.speed and bool(sliders["gains"])
     return told | {"gains": {"speed": agent.speed} if known else {}, "cruise": "speed" if known else None}, sliders
+
+
+def part_of(kernel: Any, values: Sequence[Any], blobs: Blobs) -> dict[str, Any]:
+    """Returns how the page calls one of the functions of a policy that calls several."""
+    arguments = [_argument(each, value, blobs) for each, value in leaves(names_of(kernel), values)]
+    return {"export": export_in(kernel), "arguments": arguments}
+
+
+def of_any_robot(features: RobotFeatures) -> dict[str, Any]:
+    """Returns what `RobotFeatures` do besides what `GoalFeatures` do.
+
+    Raises:
+        NotImplementedError: if the robot has other beams than the network sees.
+    """
+    beams, looked = features.windows
+    if beams.tolist() != [[k] for k in range(features.num_beams)] or not looked.all():
+        raise NotImplementedError("the page reads a scan as it is, with the beams that the network sees")
+    scales = {"way": features.way_scale, "range": features.range_scale, "own": features.own_range}
+    return {"any": scales | {"count": features.num_beams // features.pool}}
+
+
+def planned(
+    pilot: Pilot, env: NativeVectorEnv, speed: float, decide: dict[str, Any], state: np.dtype[Any], blobs: Blobs
+) -> dict[str, Any]:
+    """Returns what stands above an agent: `Hybrid`'s planner, and when `AnyRobot` lets that drive by itself.
+
+    Args:
+        speed: m/s, the agent's.
+        decide: how the page calls the planner, whose memory is `state`.
+    """
+    policy: Any = pilot.policy
+    fields = layout(state)["fields"]
+    told = {
+        "planner": decide | {"out": "memory", "offset": fields["command"][0]},
+        "lead": policy.ahead,
+        "look": look_table("scan_planner", LOOKS_TO_POSES["scan_planner"]),
+    }
+    if isinstance(policy, AnyRobot):
+        ((kernel, values),) = shield_calls(BEHIND_PLANNER, pilot, env.reset(seed=0)[0])
+        told["alone"] = {
+            "patience": policy.patience * max(1.0, PACE / speed),
+            "dt": pilot.briefing.dt,
+            "way": WAY,
+            "approached": APPROACHED,
+            "radius": pilot.briefing.robot.hull_radius,
+            "fields": {name: fields[name] for name in ("num_points", "segment", "arc", "older_age")},
+            "behind": part_of(kernel, values, blobs),
+        }
+    return told
 
 
 def place_of_speed(params: NDArray[Any]) -> int:
@@ -809,7 +904,7 @@ def task_tables(task: str, blobs: Blobs) -> dict[str, Any]:
     contest = contest_of(task)
     scenario = f"{contest.timed_on}/test"
     told: dict[str, Any] = {"kind": contest.spec.kind, "steps": contest.spec.clock, "params": {}, "robots": {}}
-    for robot in FITTING:
+    for robot in fitting(task):
         for actuators in ACTUATORS:
             for disturbance in DISTURBANCES:
                 env = environment(task, robot, actuators, scenario, disturbance)
@@ -823,7 +918,7 @@ def task_tables(task: str, blobs: Blobs) -> dict[str, Any]:
             "max_twist": env.task.robot.max_twist.tolist(),
             "hull": env.task.robot.hull_radius,
         }
-    told["ids"] = {robot: contest.env_id(robot) for robot in FITTING}
+    told["ids"] = {robot: contest.env_id(robot) for robot in fitting(task)}
     # whether people see the robot is said by each of them
     told["kwargs"] = {name: each for name, each in contest.env_kwargs.items() if name != "visible"}
     kind = contest.spec.scenario
@@ -884,7 +979,7 @@ def tables(robots: Sequence[str] = (), tiers: Sequence[str] = ()) -> dict[str, A
     for task in IN_PAGE:
         told["tasks"][task] = task_tables(task, blobs)
         contest = contest_of(task)
-        for robot in robots or FITTING:
+        for robot in (each for each in robots or ROBOTS if each in fitting(task)):
             for actuators in tiers or ACTUATORS:
                 env = environment(task, robot, actuators, f"{contest.timed_on}/test")
                 for name in decisions(task):
@@ -900,11 +995,10 @@ def tables(robots: Sequence[str] = (), tiers: Sequence[str] = ()) -> dict[str, A
                         told["pilots"][key] = recipe(task, name, gains, limits, env, blobs)
                         told["pilots"][key]["cruise"] = None if gains_name in FOUND else cruise_of(name, gains)
                 for name in agents(task):
-                    for gains_name, gains in contest.gain_sets(name, robot, ()):
-                        if gains["seed"] == 0:
-                            key = f"{task} {robot} {actuators} {name} ({gains_name})"
-                            told["pilots"][key], sliders = network_recipe(task, name, 0, env, blobs)
-                            told["sliders"][f"{task} {name}"] = sliders
+                    for label in agent_labels(task, name, robot):
+                        key = f"{task} {robot} {actuators} {label}"
+                        told["pilots"][key], sliders = network_recipe(task, name, 0, env, blobs)
+                        told["sliders"][f"{task} {name}"] = sliders
     told["blobs"] = blobs.listed()
     return told
 
@@ -916,8 +1010,14 @@ def _finite(number: float) -> float | None:
     return number if math.isfinite(number) else None
 
 
-# the robots that fit where the frozen scenarios leave room
-FITTING = tuple(name for name, robot in ROBOTS.items() if robot.hull_radius <= LARGEST_HULL)
+LARGER = 0.35  # m: hulls of the class of jackal, with which the page makes scenes larger
+
+
+def fitting(task: str) -> tuple[str, ...]:
+    """Returns the robots that the scenes of a task in the page have room for."""
+    most = LARGEST_HULL if task in CROWDS else LARGER
+    return tuple(name for name, robot in ROBOTS.items() if robot.hull_radius <= most)
+
 
 _RECORDS = {
     "walk": WALK,
@@ -940,6 +1040,22 @@ def fill_bearings(y: Any, x: Any, angles: Any) -> None:
         angles[i] = bearing(y[i], x[i])
 
 
+@allocating
+def smooth_course(points: Any, closed: Any, ends_only: Any, out: Any) -> None:
+    """Fills how many points the path has without its wiggles, and below these (n, 3); see `path_smoothing`."""
+    found = path_smoothing.smooth_points(points, closed, ends_only)
+    out[0, 0] = found.shape[0]
+    for k in range(min(found.shape[0], out.shape[0] - 1)):
+        out[k + 1] = found[k]
+
+
+@allocating
+def place_on_course(course: Any, given: Any, laps: Any, arc_lengths: Any) -> None:
+    """Puts the arc lengths (1,) along the path without wiggles in place of those along the path as it is, m."""
+    vertices, runs, path_index = course
+    arc_lengths[:] = path_smoothing.places(vertices, runs, path_index, given, laps, arc_lengths)
+
+
 Export = tuple[Any, list[Leaf], tuple[Any, ...]]  # a compiled function, and an example of what it is handed
 
 
@@ -958,8 +1074,8 @@ def exports(task: str, policy: str) -> dict[str, Export]:
     timed_on = f"{contest.timed_on}/test"
     if policy in AGENTS:
         found: dict[str, Export] = {}
-        for robot in FITTING:  # agents of one may call more than those of another
-            if not any(contest.gain_sets(policy, robot, ())):
+        for robot in fitting(task):  # agents of one may call more than those of another
+            if not agent_labels(task, policy, robot):
                 continue
             # a quick base shows all that an agent calls: it is held to what the agent knows
             env = environment(task, robot, "ideal", timed_on)
@@ -997,10 +1113,19 @@ def exports(task: str, policy: str) -> dict[str, Export]:
     )
     step = (7, 0, ALONE, *batch._inputs, *outputs)
     corners = (np.zeros(2), np.zeros(2), np.zeros(2))
+    smoothing: tuple[Any, ...] = ()
+    if contest.spec.on_path:
+        course = Course(env.task.world.vertices, env.task.world.runs, rows)
+        placing = (course, np.zeros(2), np.zeros(1), np.zeros(1))
+        smoothing = (
+            ("smooth_course", smooth_course, (np.zeros((2, 3)), False, False, np.zeros((2, 3)))),
+            ("place_on_course", place_on_course, placing),
+        )
     return {
         name: (kernel, leaves(names_of(kernel), values), values)
         for name, kernel, values in (
             ("fill_bearings", fill_bearings, corners),
+            *smoothing,
             (f"{rows_of(env)}_step", kinds.step_rows, step),
             (f"{rows_of(env)}_reset", kinds.reset_rows, reset),
         )

@@ -253,7 +253,7 @@ def rounded(points):
     Such corners are a planner's, and no truer than its cells or steps; driven to the millimetre, each takes a stop.
     """
     turns = corners(points)
-    out = np.empty((points.shape[0] + (PIECES + 1) * np.count_nonzero(turns), 3))
+    out = np.empty(((PIECES + 2) * points.shape[0], 3))
     last = points.shape[0] - 1
     count = 0
     fixed = 0

@@ -98,9 +98,10 @@ def driven(case: dict[str, Any], steps: int) -> tuple[dict[str, Any], NDArray[np
     env = environment(case["task"], case["robot"], case["actuators"], case.get("file", f"{case['family']}/test"))
     name, _, gains_name = case["policy"].partition(" ")
     wanted = gains_name.strip("()") or "default"
-    if name == AGENT:
-        key = " ".join(case[part] for part in ("task", "robot", "actuators", "policy"))
-        gains = tables()["pilots"][key]["make"]["gains"]
+    key = " ".join(case[part] for part in ("task", "robot", "actuators", "policy"))
+    made = tables()["pilots"][key]
+    if made.get("network"):
+        gains = made["make"]["gains"]
     else:
         gains = dict(contest.gain_sets(name, case["robot"], ("default", "tuned", "paper"))).get(wanted, {})
     pilot = Pilot(make(name, **gains), env)
@@ -278,6 +279,22 @@ def test_the_page_drives_among_people_at_the_speed_that_a_contest_asks_for() -> 
     case = {"task": "people", "robot": "omni3", "actuators": "lagged", "family": "crowdnav_5", "speed": 1.0}
     policies = ("people_free (trained)", "orca_team", "social_force", "vfh_plus", "dwa", "polar")
     compare([case | {"policy": policy} for policy in policies], 500, driven_among)
+
+
+@node
+def test_the_page_drives_paths_of_steps_and_wiggles_as_python_does(tmp_path: Path) -> None:
+    stairs = [[0.1 * (k - k // 2), 0.1 * (k // 2)] for k in range(60)]
+    rng = np.random.default_rng(7)
+    track = np.column_stack([np.arange(0.0, 4.0, 0.05), rng.normal(0.0, 0.01, 80)])
+    ring = [[1.5 * np.cos(a), np.sin(a) + 0.02 * (-1) ** k] for k, a in enumerate(np.linspace(0.0, 6.2, 60))]
+    paths = {"stairs": {"path": stairs}, "track": {"path": track.tolist()}, "ring": {"path": ring, "closed": True}}
+    chosen = []
+    for name, content in paths.items():
+        file = tmp_path / f"{name}.json"
+        file.write_text(json.dumps(content))
+        case = {"task": "path_following", "robot": "p3dx", "actuators": "lagged", "family": name, "file": str(file)}
+        chosen += [case | {"policy": policy} for policy in page_recipes.ALONG_PATHS]
+    compare(chosen, 100)
 
 
 ROOM = ("." * 40 + "\n") * 12 + ("." * 18 + "@@@@" + "." * 18 + "\n") * 8 + ("." * 40 + "\n") * 12

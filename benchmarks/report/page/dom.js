@@ -73,6 +73,6 @@ function downloaded(blob, name) {
 }
 
 // A policy's label as it is shown.
-const called = (label) => label.replace(/^(\w+) \(trained\)/, (_, name) => `trained network (${name === "ppo" ? "PPO" : name})`).replace("astar_tracker", "A* (astar_tracker)");
+const called = (label) => label.replace(/^(\w+) \(trained\)/, (_, name) => `trained network (${name === "ppo" ? "PPO" : name})`).replace("trained network (hybrid)", "network below a planner (hybrid)").replace("astar_tracker", "A* (astar_tracker)");
 
 const short = (value, digits = 3) => (value === null || Number.isNaN(value) ? "" : Number(value.toPrecision(digits)).toString());

@@ -97,9 +97,9 @@ class Drive {
     return pilotsOf(this.kernels, this.task, this.replay.robot, this.tier.value);
   }
 
-  // Who drives where nobody was chosen: a trained agent, among bodies reciprocal avoidance.
+  // Who drives where nobody was chosen: a trained agent, the one of any robot, among bodies reciprocal avoidance.
   usual(labels) {
-    return labels.find((each) => each.endsWith("(trained)") || each === "agent") || labels.find((each) => each === "orca_team") || labels[0];
+    return labels.find((each) => each.endsWith("(trained)") || each === "agent") || labels.find((each) => ["any_robot", "orca_team"].includes(each)) || labels[0];
   }
 
   // The robot that a scene opens with: one that a trained agent drives there, unless one was picked.
@@ -127,6 +127,9 @@ class Drive {
     const unable = [...new Set([...replay.actors.filter((actor) => actor.told && !able.includes(actor.policy)).map((actor) => actor.policy), ...others])];
     const reason = (label) => (REASONS.find(([start]) => label.startsWith(start)) || ["", "decides in NumPy"])[1];
     this.cannot.textContent = unable.length ? `Cannot drive in the page: ${unable.map((each) => `${each}${reason(each) ? ` (${reason(each)})` : ""}`).join(", ")}.${this.free ? ` ${replay.told.demo.absent}` : ""}` : "";
+    const known = Object.keys(this.kernels.tables.pilots).filter((key) => key.startsWith(`${this.task} `)).map((key) => key.split(" ")[3]);
+    const elsewhere = [...new Set(known)].filter((name) => !able.some((label) => label.split(" ")[0] === name));
+    if (elsewhere.length) this.cannot.textContent += ` With another robot: ${elsewhere.join(", ")}.`;
     if (!this.task) this.cannot.textContent = "Such scenarios are replayed; no policy can drive in them in the page.";
     if (outlined(replay.world)) this.cannot.textContent += " The map is too large for the page: here one drives among the walls of its outline, and runs are near those of Python, not the same to the last bit.";
     for (const each of [this.goButton, this.allButton, this.handButton]) each.disabled = !this.task;

@@ -177,13 +177,13 @@ class Race {
   tell(told = "") {
     const { run, drive, replay } = this;
     if (!run) return;
-    const seconds = ({ x }) => `${((x.length - 1) * DT).toFixed(1)} s`;
+    const seconds = ({ x }) => `${((x.length - 1) * DT).toFixed(1)}\u00a0s`;
     const others = replay.actors.filter((actor) => actor !== run.actor && !actor.ghost);
     const word = (actor) => (!actor.outcome ? "still drives" : actor.outcome === "success" ? seconds(actor) : ENDINGS[actor.outcome]);
     const medal = this.medal(others);
     const button = (text, click, attributes = {}) => el("button", { type: "button", ...attributes, on: { click } }, text);
     const next = this.nth >= 0 && this.nth + 1 < this.challenges.length && run.actor.outcome === "success";
-    this.say(el("strong", { class: run.actor.outcome === "success" ? "" : "bad" }, `${ENDED[run.actor.outcome]} ${seconds(run.actor).replace(" ", "\u00a0")}`),
+    this.say(el("strong", { class: run.actor.outcome === "success" ? "" : "bad" }, `${ENDED[run.actor.outcome]} ${seconds(run.actor)}`),
       medal ? el("p", { class: `medal ${medal}` }, `${medal} medal`) : null,
       el("p", {}, `You ${word(run.actor)}, ${others.map((actor) => `${actor.label} ${word(actor)}`).join(", ")}.`),
       el("div", { class: "files" }, button("Try again (R)", () => this.again(), { class: "go" }), next ? button("Next challenge", () => this.open(this.nth + 1)) : null,

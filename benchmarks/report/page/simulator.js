@@ -227,7 +227,9 @@ class Simulator {
     kernels.release(mark);
     const column = (values) => ({ at: kernels.put(new Uint8Array(new Float64Array(values).buffer)), shape: [values.length] });
     const course = this.courseOf(rows.slice(0, closed ? -1 : undefined).map(([x, y]) => [x, y]), closed);
-    this.smooth[endsOnly] = { vertices: course.vertices, runs: course.runs, given: column(rows.map((row) => row[2])), laps: column([points[points.length - 1][2]]) };
+    const lap = points[points.length - 1][2];
+    const rough = { at: kernels.put(new Uint8Array(BigInt64Array.of(course.lap === lap ? 0n : 1n).buffer)), shape: [1] };
+    this.smooth[endsOnly] = { vertices: course.vertices, runs: course.runs, given: column(rows.map((row) => row[2])), laps: column([lap]), rough };
     return this.smooth[endsOnly];
   }
 
