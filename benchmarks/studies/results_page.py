@@ -61,6 +61,10 @@ Task = tuple[str, str, str, tuple[str, ...]]
 TASKS: tuple[Task, ...] = (
     ("Follow a path", "path-following", "path_following_p3dx", ("smooth paths", "paths with corners")),
     (
+        *("Follow a reference in time", "trajectory-tracking", "trajectory_tracking_p3dx"),
+        ("references that a base can follow",),
+    ),
+    (
         "Reach a goal among static obstacles",
         "goal-obstacles-claims",
         "claims/goal_obstacles_p3dx",
@@ -725,7 +729,7 @@ def _advice(kept: Kept) -> list[str]:
     lines = []
     found = advised(kept)
     for task, kind, access, row, lead in found:
-        where = _SCENES.get(f"{task}, {kind}", task), _INPUTS.get(access, access)
+        where = _SCENES.get(f"{task}, {kind}", task), _INPUTS.get(f"{task}, {access}", _INPUTS.get(access, access))
         lines.append([*where, _named(entry_of(row)), _result(row), lead])
     if not lines:
         return []
@@ -739,7 +743,12 @@ def _result(row: Row) -> str:
     return f"{row['success (%)'].partition(' ')[0]} %, {row[cost].partition(' ')[0]} {unit}"
 
 
-_INPUTS = {"path": "whole path", "sensors": "path errors"}  # of path followers
+_INPUTS = {
+    "path": "whole path",
+    "sensors": "path errors",
+    "Follow a reference in time, path": "whole reference",
+    "Follow a reference in time, sensors": "reference, 0.8 s",
+}  # of path followers
 _SCENES = {
     "Follow a path, smooth paths": "Follow a smooth path",
     "Follow a path, paths with corners": "Follow a path with corners",
