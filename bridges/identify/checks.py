@@ -7,6 +7,7 @@ import numpy as np
 from wayfield.bridges.identify.estimate import MOST_WRONG, commanded
 from wayfield.bridges.identify.recording import Log
 from wayfield.bridges.identify.response import Drive, Flags, Floats, held
+from wayfield.bridges.identify.sampling import resolution
 
 FASTEST = (30.0, 30.0)  # m/s and rad/s, of a wheeled robot
 LEAST_MOTION = 20.0  # s
@@ -22,6 +23,10 @@ SETTLING = 1.0  # s after a cut that do not count: the state there is not known
 EARLIEST = -0.06  # s, of the delay at which commands and odometry agree best
 AGREES, UNRELATED = 0.5, 0.3  # correlation from which on they agree, or below which they have nothing in common
 OTHER_UNITS = 20.0  # ratio of odometry to commands that no gain explains
+REST = 3.0  # s after a command of 0, from which on a base stands
+LEAST_STILL = 20  # messages of odometry there
+COARSE = 0.1  # of the largest speed: a rounding that bends more than the intervals hold
+OFFSET = 0.03  # of the largest speed, which is no noise there
 UNITS = ("m/s", "rad/s")
 NAMES = ("forward speed", "yaw rate")
 
@@ -95,6 +100,11 @@ def check(log: Log, cut: bool = False) -> Checked:
     if jitter > MOST_JITTER:
         warnings.append(f"commands come irregularly: 5 % of their intervals are {1e3 * jitter:.0f} ms or more off")
     _check_following(drive)
+    warnings += _offsets(drive, tops)
+    for axis, values in enumerate(speeds.T):
+        if (step := resolution(values)) > COARSE * tops[axis]:
+            warnings.append(f"the {NAMES[axis]} of odometry is rounded to {step:.3g} {UNITS[axis]}: record it finer, "
+                            "answers may be farther off than their intervals say")  # fmt: skip
     return Checked(drive, tuple(warnings), moving)
 
 
@@ -193,6 +203,24 @@ def _closed(drive: Drive) -> Drive:
 
     commands = _once(moved(drive.command_times), drive.commands)
     return dataclasses.replace(drive, command_times=commands[0], commands=commands[1], times=moved(drive.times))
+
+
+def _offsets(drive: Drive, tops: Floats) -> list[str]:
+    """Returns a line for each speed that odometry has long after its command became 0: no interval holds an offset."""
+    found = []
+    k = np.maximum(np.searchsorted(drive.command_times, drive.times, "right") - 1, 0)
+    for axis in range(2):
+        zero = drive.commands[:, axis] == 0.0
+        begins = zero & ~np.append(False, zero[:-1])
+        since = np.maximum.accumulate(np.where(begins, drive.command_times, -np.inf))
+        still = drive.speeds[zero[k] & (drive.times - since[k] > REST), axis]
+        offset = float(np.median(still)) if len(still) >= LEAST_STILL else 0.0
+        if abs(offset) > OFFSET * tops[axis]:
+            found.append(
+                f"odometry says {offset:.3g} {UNITS[axis]} where the {NAMES[axis]} has been commanded to be 0 for "
+                f"{REST:g} s: subtract the offset, which the intervals do not hold"
+            )
+    return found
 
 
 def _check_following(drive: Drive) -> None:

@@ -12,7 +12,8 @@ A value x of a parameter is inside of its interval if, with the others fitted an
 with L the loss, N the number of residuals, and F the ratio of the variance over blocks of the drive (delete-one
 jackknife) to that of independent residuals, at least 1: it covers correlated noise, and what the model does not say.
 t is Student's quantile for as many blocks as inform the parameter. Half of the interval between commands is added to
-the upper end of a delay, and to all of them by how much throttled commands shift the parameter (`sampling`).
+the upper end of a delay, and to all of them by how much throttled commands and rounded odometry shift the parameter
+(`sampling`).
 
 Sources: Huber, Robust Statistics, 1981; Cameron and Miller, A Practitioner's Guide to Cluster-Robust Inference, 2015.
 """
@@ -38,7 +39,7 @@ from wayfield.bridges.identify.response import (
     Floats,
     pair_response,
 )
-from wayfield.bridges.identify.sampling import earlier, lateness, throttled, traced
+from wayfield.bridges.identify.sampling import earlier, lateness, rounded, throttled, traced
 
 DELAYS = np.arange(0.0, 0.5, 0.03)  # s, of the grid
 LONGEST_DELAY = 0.8  # s
@@ -514,14 +515,16 @@ def intervals(found: Fit) -> Fit:
     blocks = (drive.times[drive.counted] // PIECE).astype(np.int64)
     pieces = Pieces.of(problem, x, np.concatenate([blocks, blocks]))
     late = lateness(drive)
-    shifts = np.zeros((1, len(x)))
+    coarse = rounded(drive, found.response.T, found.noise)
+    changed = [coarse] if coarse else []
     if late > 0.0:
         v, slopes = problem.respond(numbers)
         left = (problem.weights * (v - problem.measured)).reshape(2, -1)  # both axes, one after the other
         slopes = (problem.weights * slopes[:, [0, 5]].sum(axis=1)).reshape(2, -1)
         span = 2.0 * late if found.throttled else traced(late, left, slopes, blocks)
-        again = [pair_problem(each, found.saturation, found.noise) for each in throttled(drive, span)]
-        shifts = np.stack([each.solve(x, range(len(x)), 1e-4, 20)[0] for each in again]) - x
+        changed.append(throttled(drive, span))
+    again = [[pair_problem(one, found.saturation, found.noise) for one in each] for each in changed]
+    shifts = [np.stack([one.solve(x, range(len(x)), 1e-4, 20)[0] for one in each]) - x for each in again]
     places = [group[0] for group in problem.groups]
     estimates = []
     for place, (name, unit) in enumerate(_labels(found.saturation)):
@@ -533,7 +536,7 @@ def intervals(found: Fit) -> Fit:
         factor = 2.0 if name == "track" else 1.0
         index = places.index(place)
         far = _unlimited(problem, x, place, found) if name.startswith(("speed", "wheel")) else None
-        unsure = _size(shifts[:, index])
+        unsure = _size([each[:, index] for each in shifts])
         low, high = (factor * end for end in problem.interval(x, cost, index, count, pieces, unsure, far))
         if place % 5 in (0, 4) and place < 10:
             low = max(low, 0.0)
@@ -545,7 +548,7 @@ def intervals(found: Fit) -> Fit:
             direction = np.zeros(len(x))
             direction[places.index(place - 4)], direction[index] = 1.0, numbers[place]
             deviation, reach = pieces.spread(direction)
-            half = math.hypot(reach * deviation, _size(shifts @ direction))
+            half = math.hypot(reach * deviation, _size([each @ direction for each in shifts]))
             total = float(numbers[place - 4] + numbers[place])
             label = f"delay_{name[-1]} + lag_{name[-1]}"
             estimates.append(Estimate(label, "s", total, max(total - half, 0.0), total + half + late))
@@ -564,8 +567,9 @@ def _unlimited(problem: Problem, x: Floats, place: int, found: Fit) -> Floats:
     return np.clip(far, problem.low, problem.high)
 
 
-def _size(shifts: Floats) -> float:
-    return math.sqrt(float((shifts**2).mean()))
+def _size(shifts: Sequence[Floats]) -> float:
+    """Returns how far independent causes shift a parameter, of the shifts at each one's phases."""
+    return math.hypot(*(math.sqrt(float((each**2).mean())) for each in shifts))
 
 
 def _labels(saturation: int) -> list[tuple[str, str]]:

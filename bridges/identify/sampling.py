@@ -69,3 +69,27 @@ def throttled(drive: Drive, late: float) -> list[Drive]:
         last = np.append(np.diff(times) > 0.0, True)
         found.append(dataclasses.replace(drive, command_times=times[last], commands=drive.commands[last]))
     return found
+
+
+def rounded(drive: Drive, response: Floats, noise: Floats) -> list[Drive]:
+    """Returns the drive with a response in place of its odometry, rounded as that is, at two phases; none if finer.
+
+    Args:
+        response: (n, 2) fitted speeds, of which odometry is a rounding; what is fitted to them again is off as it is.
+        noise: (2,) standard deviation of the residuals, under which a step leaves no trace.
+    """
+    steps = np.array([resolution(each) for each in drive.speeds.T])
+    steps[steps < noise] = 0.0
+    if not steps.any():
+        return []
+    wide = np.where(steps > 0.0, steps, 1.0)
+    found = [
+        np.where(steps > 0.0, (np.round(response / wide + phase) - phase) * wide, response) for phase in (0.0, 0.5)
+    ]
+    return [dataclasses.replace(drive, speeds=each) for each in found]
+
+
+def resolution(values: Floats) -> float:
+    """Returns the least difference between values, 0 of less than three: the step to which they are rounded."""
+    apart = np.diff(np.unique(np.round(values, 9)))
+    return float(apart.min()) if len(apart) > 1 else 0.0

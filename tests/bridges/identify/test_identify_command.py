@@ -14,7 +14,7 @@ import pytest
 from identification import drive_of, script
 
 from wayfield.bridges.identify.checks import check
-from wayfield.bridges.identify.estimate import fit
+from wayfield.bridges.identify.estimate import fit, intervals
 from wayfield.bridges.identify.noise import measure, rates
 from wayfield.bridges.identify.odometry import odometry_errors
 from wayfield.bridges.identify.recording import Log, Topics, read_log
@@ -382,3 +382,27 @@ def test_without_rosbags_a_line_says_how_to_get_it(tmp_path: Path) -> None:
     assert ended.returncode == 2
     assert len(ended.stderr.splitlines()) == 1
     assert installs("bags") in ended.stderr
+
+
+def test_rounding_and_an_offset_of_odometry_are_told() -> None:
+    drive = driven()
+    log = Log("a log", "", "table", drive.command_times, drive.commands, drive.times, drive.speeds)
+    true = intervals(fit(check(log).drive))
+    coarse = dataclasses.replace(log, speeds=0.06 * np.round(log.speeds / 0.06))
+    found = intervals(fit(check(coarse).drive))
+    for each in true.estimates[:10]:
+        if each.bounded:
+            assert found[each.name].low <= each.value <= found[each.name].high, (each, found[each.name])
+    (told,) = check(dataclasses.replace(log, speeds=np.round(log.speeds, 1))).warnings
+    assert "forward speed of odometry is rounded to 0.1 m/s" in told
+    still = np.zeros((200, 2))
+    log = dataclasses.replace(
+        log,
+        commands=np.concatenate([log.commands, still[:1]]),
+        command_times=np.append(log.command_times, log.command_times[-1] + 0.05),
+        times=np.concatenate([log.times, log.times[-1] + 0.05 * np.arange(1, 201)]),
+        speeds=np.concatenate([log.speeds, still]),
+    )
+    assert not any("offset" in each for each in check(log).warnings)
+    (told,) = check(dataclasses.replace(log, speeds=log.speeds + np.array([0.0, 0.3]))).warnings
+    assert "odometry says 0.3 rad/s" in told
