@@ -64,12 +64,13 @@ LEAST_SEEDS = 3  # of training, under which nothing is claimed
 
 TUNED = " tuned"  # behind the name of a law, of the gains that `tune` found for teams
 _ORCAS = ("orca_team", f"orca_team{TUNED}")
+_BY_SCAN = ("vfh_plus", f"vfh_plus{TUNED}", "dwa")
 SHORT = {_ORCAS[1]: "tuned", "team_guided": "guided", "team_scan": "scan"}  # so that a table is no wider than a page
 # each agent, with whom it is compared; those that see the scan alone also with laws that see more
 RIVALS = {
-    "team_scan": (*_ORCAS, "ppo", "vfh_plus", "dwa"),
+    "team_scan": (*_ORCAS, "ppo", *_BY_SCAN),
     "team_guided": (*_ORCAS, "ppo"),
-    "ppo": (*_ORCAS, "vfh_plus", "dwa"),
+    "ppo": (*_ORCAS, *_BY_SCAN),
 }
 AMONG_PEOPLE = {"people_free": (*_ORCAS, "social_force", f"social_force{TUNED}")}
 AGENTS = {
@@ -606,7 +607,7 @@ def people_tables(rows: Sequence[Row]) -> tuple[list[Compared], str]:
 
 CHOOSING = "choosing.md"  # beside the folder of results
 BEGIN, END = "<!-- flocks: made by python benchmarks/studies/flocks.py -->", "<!-- end of flocks -->"
-LEAST_ACCESS = ("team_scan", "ppo", "vfh_plus", "dwa")  # who see by beams alone; all others see bodies
+LEAST_ACCESS = ("team_scan", "ppo", *_BY_SCAN)  # who see by beams alone; all others see bodies
 PLACES: Mapping[str, tuple[str, Callable[[Row], bool]]] = {
     "Drive in a team, open field": ("solved", lambda row: is_of("open", row["family"])),
     "Drive in a team, doors and rooms": ("solved", lambda row: is_of("walls", row["family"])),

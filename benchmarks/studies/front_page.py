@@ -300,7 +300,7 @@ def _count(found: Sequence[Panel]) -> str:
     won = sum(match.outcome == BETTER for match in matches)
     where = f" ({'; '.join(lost)})" if lost else ""
     return (
-        f"Of {len(matches)} kinds of scenes, controllers win {won}, agents win {len(lost)}{where}, and "
+        f"Of {len(matches)} kinds of scenes, controllers win {won}, agents win {len(lost) or 'none'}{where}, and "
         f"{len(matches) - won - len(lost)} are ties: equivalent, or no significant difference."
     )
 
