@@ -165,15 +165,25 @@ def joint_states(
 # Files.
 
 
-def _sample(folder: Path) -> None:
-    from safetensors.numpy import save_file
-
+def _arrays() -> dict[str, Array]:
     sizes = (PERSON, 4, 1)
     arrays: dict[str, Array] = {}
     for k, (inputs, outputs) in enumerate(itertools.pairwise(sizes)):
         arrays[f"value_network.{2 * k}.weight"] = np.full((outputs, inputs), 0.1, np.float32)
         arrays[f"value_network.{2 * k}.bias"] = np.zeros(outputs, np.float32)
-    save_file(arrays, folder / "cadrl.safetensors")
+    return arrays
+
+
+def _sample(folder: Path) -> None:
+    from safetensors.numpy import save_file
+
+    save_file(_arrays(), folder / "cadrl.safetensors")
+
+
+def _pickled(folder: Path) -> None:
+    import torch
+
+    torch.save({name: torch.from_numpy(array) for name, array in _arrays().items()}, folder / "cadrl.pth")
 
 
 @reader("value network", "cadrl.safetensors", _sample)
@@ -204,6 +214,7 @@ def network(file: str) -> Value:
     return value
 
 
+@reader("pickled value network", "cadrl.pth", _pickled)
 def unpickled(file: str) -> Mapping[str, Any]:
     """Returns the arrays of a pickle of PyTorch, of which nothing but tensors is read; warns of it."""
     try:
