@@ -161,7 +161,7 @@ def test_kanayama_leaves_a_turn_on_the_spot_as_it_is_and_backstepping_does_not()
 
 
 def test_backstepping_takes_its_function_down_as_fast_as_it_says() -> None:
-    law = make("backstepping", lead=False)
+    law = make("backstepping", k3=0.5, lead=False)  # of k3 as searched little would be seen
     dt = 1e-3
     driven, there = drive(law, (0.2, -0.3, 0.4), 2.0, dt)
     turn = np.array([math.remainder(each, 2.0 * math.pi) for each in there[:, 2] - driven[:, 2]])
@@ -172,7 +172,7 @@ def test_backstepping_takes_its_function_down_as_fast_as_it_says() -> None:
     x = ex - law.k3 * w * ey
     v = 0.5 * x * x + 0.5 * ey * ey + 0.5 * turn * turn / law.g
     falls = -law.k4 * x * x - law.k3 * w * w * ey * ey - law.k_th * turn * turn / law.g
-    assert np.abs(np.diff(v) / dt - falls[:-1]).max() < 0.02 * np.abs(falls).max()
+    assert np.abs(np.diff(v) / dt - falls[:-1]).max() < 0.005 * np.abs(falls).max()
 
 
 def errors(law: Any, steps: int = 1000, n: int = 1, **how: Any) -> tuple[NDArray[np.float64], Any]:
