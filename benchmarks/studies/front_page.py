@@ -216,7 +216,7 @@ def _rows(kept: Kept, name: str) -> list[Row]:
 def _seeds(rows: Sequence[Row], agent: str) -> str:
     """Returns how many seeds of an agent drove, of those that ship; "" where all did."""
     drove, all_of_them = flocks.seeds_of(rows, agent), len(list(shipped(flocks.AGENTS[agent], flocks.ROBOT)))
-    return "" if drove == all_of_them else f"{drove} of {all_of_them} seeds"
+    return "" if drove == all_of_them else f"first {drove} of {all_of_them} seeds"
 
 
 def _share(rows: Sequence[Row], name: str, metric: str) -> tuple[float, float, float]:
