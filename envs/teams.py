@@ -321,7 +321,7 @@ class OmniTeam(TeamEnv):
     has arrived leaves the world, or stays as a disc with `parks=True`; who has collided stays. They wait, with reward
     0, until all have ended, and `info["alive"]` says who took part. `ends="respawn"`, for training with native vectors:
     who has ended begins anew at once, at the first of 16 drawn starts that is clear by 0.3 m. Truncated after 2400
-    steps (120 s).
+    steps (120 s) in teams, 1200 (60 s) among people.
 
     ## Info
 
