@@ -237,7 +237,9 @@ def _small(
     own = [each for each in ranked if each.entry[1] == OWN or each.entry[1] not in GAINS_NAMES]
     trained = [each for each in ranked if each.entry[1] == "trained"]
     with_map = [each for each in ranked if MAP in each.access]
-    shown += [each for more in (asked, own, trained, with_map[:1]) for each in more if each not in shown]
+    for each in (*asked, *own, *trained, *with_map[:1]):
+        if each not in shown:
+            shown.append(each)
     column = _scored(contest)
     lines = []
     for each in shown:
