@@ -22,6 +22,10 @@ _SEES: Mapping[str, str] = {
     "goal": "its exact pose and twist, where the goal is, its scan",
     "bodies": "its exact pose and twist, where the goal is, its scan, the ten nearest bodies in sight",
 }
+_INPUTS: Mapping[str, Mapping[str, str]] = {
+    "path": {"sensors": "path errors", "path": "whole path"},
+    "reference": {"sensors": "reference, 0.8 s", "path": "whole reference"},
+}  # of what a task observes: what `knows` means there
 _AGENT_ON_PATHS = (
     "its last commands; holds a quicker base to the accelerations and the lag that it knows; its reward was the exact "
     "error"
@@ -51,6 +55,11 @@ class Disclosure:
     told: str  # before an episode
     sees: str  # in every step
     protected: str  # what it remembers, and what keeps it from harm
+
+
+def inputs(knows: str, observes: str) -> str:
+    """Returns the inputs of a policy with access `knows`, in words, in a task that observes `observes`."""
+    return _INPUTS.get(observes, {}).get(knows, knows)
 
 
 def disclosed(policy: str, gains_name: str, knows: str, contest: Contest) -> Disclosure:

@@ -7,6 +7,7 @@ from typing import Any
 
 from wayfield.benchmarks.contests import COST, GAINS_NAMES, OWN_SPLIT, PACE_TOLERANCE, Column, Contest
 from wayfield.benchmarks.entrants.own_policies import OWN
+from wayfield.benchmarks.leaderboards.disclosure import inputs
 from wayfield.benchmarks.leaderboards.entries import (
     COMPARED,
     MAP,
@@ -245,7 +246,8 @@ def _small(
     for each in shown:
         score = [_with_ends(each.score, 1.0, 3)] if column else []
         speed = shown_speed(each.speed, 2) + OFF_PACE * each.away
-        lines.append([label(each.entry), *score, _with_ends(each.success, 100.0, 1), each.cost, speed, each.access])
+        lines.append([label(each.entry), *score, _with_ends(each.success, 100.0, 1), each.cost, speed])
+        lines[-1].append(inputs(each.access, contest.spec.observes))
     cost = contest.cost
     unit = "mm" if cost.unit == "m" else cost.unit
     header = ["policy", *([column.header] if column else []), "success (%)", f"{cost.name} ({unit})", "speed (m/s)"]
@@ -257,7 +259,7 @@ def _small(
         note += f" {left} more in the full table."
     if any(each.away for each in shown):
         note += f" {OFF_PACE}: more than {100.0 * PACE_TOLERANCE:.0f} % off the target speed of {contest.pace:g} m/s; "
-        note += "driving slower makes errors smaller."
+        note += "compare its error with care."
     return Table(f"{contest.title}, {robot}", [*header, "inputs"], lines, note)
 
 

@@ -95,10 +95,10 @@ _TASKS: tuple[tuple[str, str, str, str, str, str, Mapping[str, str]], ...] = (
 
 
 CROWDS = {  # of the parts those of equal inputs, and in the crowds of others, as README calls them
-    "in the open, lidar only": "with teams in the open",
-    "at doors and in rooms, lidar only": "with teams at doors and in rooms",
-    "on CrowdNav's test cases": "among five pedestrians (CrowdNav)",
-    "in AttnGraph's crowd": "in a crowd of 20 (AttnGraph)",
+    "in the open, lidar only": "for teams in the open",
+    "at doors and in rooms, lidar only": "for teams at doors and in rooms",
+    "on CrowdNav's test cases": "among five pedestrians (CrowdNav's test cases)",
+    "in AttnGraph's crowd": "in a crowd of 20 (AttnGraph's scenes)",
 }
 TASKS = len(_TASKS) + 1
 _SECTIONS = ("path-following", "goal-obstacles-claims", "docking-claims")  # whose rows these are
@@ -255,15 +255,13 @@ def _clause(panel: Panel, match: Match) -> tuple[str, str, str]:
         win = "{} is faster than {} {place}"
     digits, of = (1, "success rate") if unit == "%" else (2, "error")
     numbers = f"{values[0]:.{digits}f} vs. {values[1]:.{digits}f} {unit}"
-    # elsewhere what is missing to 100 % are collisions, as README says above
-    if match.collided and any(
-        abs(100.0 - each - hit) > 0.5
-        for each, hit in zip(match.shares or (a.value, b.value), match.collided, strict=True)
-    ):
+    if match.faster and a.value == b.value:
+        numbers = f"{values[0]:.{digits}f} %"
+    if match.collided and any(match.collided):
         numbers += ", collisions {:.1f} vs. {:.1f} %".format(*match.collided[::turned])
     numbers += f", {match.scenes:,} {panel.scenes}"
     if match.faster:  # elsewhere the numbers are those of the verdict
-        numbers = f"{match.faster}; tie in success: {numbers}"
+        numbers = f"{match.faster}; {'both' if a.value == b.value else 'tie in success:'} {numbers}"
     numbers = "; ".join(filter(None, (numbers, match.ppo and f"PPO: {match.ppo} %")))
     if speeds:
         numbers += ", at {:.2f} vs. {:.2f} m/s".format(*speeds[::turned])
@@ -290,19 +288,22 @@ def _lines(found: Sequence[Panel]) -> list[str]:
 
 def _count(found: Sequence[Panel]) -> str:
     """Returns how many kinds of scenes each camp wins, and where agents do."""
-    matches = [match for panel in found for match in panel.matches]
-    lost = [
-        match.where.removeprefix("with ") if match.where in CROWDS.values() else f"{each.title.lower()}, {match.where}"
-        for each in found
-        for match in each.matches
-        if match.outcome == WORSE
-    ]
-    won = sum(match.outcome == BETTER for match in matches)
-    where = f" ({'; '.join(lost)})" if lost else ""
-    return (
-        f"Of {len(matches)} kinds of scenes, controllers win {won}, agents win {len(lost) or 'none'}{where}, and "
-        f"{len(matches) - won - len(lost)} are ties: equivalent, or no significant difference."
+    won, lost = (
+        [_where(panel, match) for panel in found for match in panel.matches if match.outcome == outcome]
+        for outcome in (BETTER, WORSE)
     )
+    count = sum(len(panel.matches) for panel in found)
+    camps = (f"{len(each)} ({'; '.join(each)})" if each else "none" for each in (won, lost))
+    return (
+        "Of {} kinds of scenes, controllers win {}, agents win {}, and {} are ties: equivalent, or no significant "
+        "difference.".format(count, *camps, count - len(won) - len(lost))
+    )
+
+
+def _where(panel: Panel, match: Match) -> str:
+    """Returns a kind of scenes as a phrase."""
+    task = "" if match.where in CROWDS.values() else f"{panel.title.partition(' (')[0].lower()} "
+    return f"{'on ' if panel.unit == 'mm' else task}{match.where.partition(' (')[0]}{', by time' * bool(match.faster)}"
 
 
 def figure(found: Sequence[Panel]) -> bytes:
@@ -347,7 +348,7 @@ def _draw(axes: Any, panel: Panel) -> None:
 
 
 def _wrapped(match: Match) -> str:
-    words = match.where.removeprefix("with ").split()
+    words = match.where.removeprefix("for ").partition(" (")[0].split()
     half = (len(words) + 1) // 2
     return "\n".join((" ".join(words[:half]), " ".join(words[half:]), f"n = {match.scenes:,}"))
 

@@ -19,6 +19,7 @@ from tabulate import tabulate
 
 from wayfield.benchmarks.commands.submission import Submission, check_whole, read_submission
 from wayfield.benchmarks.contests import ANY, CONTESTS, PACE_TOLERANCE, TRAINED
+from wayfield.benchmarks.leaderboards.disclosure import inputs
 from wayfield.benchmarks.leaderboards.entries import (
     OFF_PACE,
     grouped,
@@ -728,8 +729,14 @@ def _advice(kept: Kept) -> list[str]:
     """Returns the table of what to take where, from the leaderboards of the splits that tell most."""
     lines = []
     found = advised(kept)
+    observed = {
+        task: contest.spec.observes
+        for task, _, stem, _ in TASKS
+        for contest in CONTESTS.values()
+        if contest.stem in stem
+    }
     for task, kind, access, row, lead in found:
-        where = _SCENES.get(f"{task}, {kind}", task), _INPUTS.get(f"{task}, {access}", _INPUTS.get(access, access))
+        where = _SCENES.get(f"{task}, {kind}", task), inputs(access, observed[task])
         lines.append([*where, _named(entry_of(row)), _result(row), lead])
     if not lines:
         return []
@@ -743,12 +750,6 @@ def _result(row: Row) -> str:
     return f"{row['success (%)'].partition(' ')[0]} %, {row[cost].partition(' ')[0]} {unit}"
 
 
-_INPUTS = {
-    "path": "whole path",
-    "sensors": "path errors",
-    "Follow a reference in time, path": "whole reference",
-    "Follow a reference in time, sensors": "reference, 0.8 s",
-}  # of path followers
 _SCENES = {
     "Follow a path, smooth paths": "Follow a smooth path",
     "Follow a path, paths with corners": "Follow a path with corners",
