@@ -98,9 +98,14 @@ def found(contest: Contest, robot: str, rows: Episodes, named: tuple[str, ...] =
         standings = _standings(contest, mine)
         words = _who(standings, {pair[1:]: each for pair, each in verdicts.items() if pair[0] == scenes}, contest)
         sentences.append(f"{scenes[0].upper()}{scenes[1:]}: {words}" if scenes else words)
-    ranked = _standings(contest, rows)
+    # families that gains are not searched in, such as references too fast for the base, would rule a mean over all
+    ruled = rows.where(family=contest.tuned_on) or rows if contest.tuned_on else rows
+    ranked = _standings(contest, ruled)
     rivals = _rivals(ranked)
     small = _small(contest, robot, rivals, ranked, named)
+    without = sorted({*rows.unique("family")} - {*ruled.unique("family")})
+    if without:
+        small = dataclasses.replace(small, note=f"{small.note} Without {_named(without)}.")
     of, on = _count(len(entries), "entry", "entries"), _count(scenarios(rows), "scenario", "scenarios")
     shown = f" ({len(small.rows)} shown)" if len(small.rows) < len(entries) else ""
     families = _count(len(rows.unique("family")), "family", "families")
@@ -114,7 +119,9 @@ def found(contest: Contest, robot: str, rows: Episodes, named: tuple[str, ...] =
             else f"for a reliable comparison run `wayfield evaluate --suite {contest.name}`"
         )
         pace = "" if contest.pace is None else f", target speed {contest.pace:g} m/s"
-        sentence = f"{contest.title}, {robot}{pace}: {_lead(rivals, contest)} (only {on}; {suite})."
+        sentence = f"{contest.title}, {robot}{pace}: {_lead(rivals, contest)} "
+        but = f", without {_named(without)}" if without else ""
+        sentence += f"(only {_count(scenarios(ruled), 'scenario', 'scenarios')}{but}; {suite})."
     elif len(rivals) < len(ranked):
         above = next(each for each in ranked if MAP in each.access)
         sentence += f" {label(above.entry)} has access to the map, an upper reference: {_achieved(above, contest)}."
