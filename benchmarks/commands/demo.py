@@ -1,10 +1,13 @@
 """The simulator as a page without a run: `wayfield demo`."""
 
+import datetime
 import html
 import os
+import re
 import tempfile
 import webbrowser
 from collections.abc import Collection
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +16,7 @@ from gymnasium.utils.seeding import np_random
 
 from wayfield.benchmarks.contests import ALL_CONTESTS
 from wayfield.benchmarks.entrants.documents import FLOOR
-from wayfield.benchmarks.report.page import Content, kernel_part, made, rendered
+from wayfield.benchmarks.report.page import Content, commit, kernel_part, rendered
 from wayfield.benchmarks.report.worlds import DRAWS, IN_PAGE, World, plain
 from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios import splits
@@ -40,7 +43,7 @@ OPENING = {
     **{"v": 1, "robot": "omni3", **_CALM, "policy": _SIDES[0], "place": {"family": "people: lanes_24", "seed": 0}},
     **{"runs": [{"policy": each} for each in _SIDES], "step": 0, "beside": _SIDES[1]},
 }
-SENTENCE = "One robot among 24 people. In this scene a trained network gets through and DWA, a controller, does not."
+SENTENCE = "One robot among 24 people. A trained network (above) gets to the star; the controller below it does not."
 # races by hand, the same for everybody: what each is called, its scene and its robot
 CHALLENGES = [
     {"name": name, "family": family, "seed": seed, "robot": robot}
@@ -57,6 +60,46 @@ CHALLENGES = [
         ("parking", "dock: open", 0, "p3dx"),
     )
 ]
+
+# what the page calls each policy, and what it is in a sentence
+NAMES = {
+    "ppo": ("trained network (PPO)", "A neural network that learned to drive by trial and error."),
+    "people_free": (
+        "trained network (people)",
+        "A neural network that learned to drive among people by trial and error.",
+    ),
+    "team_guided": ("trained network (team)", "A neural network says where to go, ORCA keeps that clear of others."),
+    "team_scan": (
+        "trained network (team, laser)",
+        "A neural network that learned by trial and error; it sees by its laser alone.",
+    ),
+    "hybrid": ("planner with network", "A planner finds the way, a neural network drives along it."),
+    "any_robot": (
+        "network for any robot",
+        "A neural network that drives any base by its data sheet, behind a planner.",
+    ),
+    "astar_tracker": ("A* planner", "Is given the whole map, plans the shortest way and drives along it."),
+    "scan_planner": ("laser planner", "Plans on a map of what its laser has seen, as if all else were free."),
+    "vfh_plus": ("vector histogram", "VFH+: steers for the cheapest of the directions that are free."),
+    "dwa": ("dynamic window", "DWA: of the arcs that it can drive within a second it takes the best."),
+    "mppi": ("random plans (MPPI)", "Tries random plans in its head, and drives the mean of the good ones."),
+    "apf_corrected": ("potential field", "The star pulls, obstacles push."),
+    "social_force": ("social force", "The star pulls, people and walls push, as people do among people."),
+    "orca": ("ORCA", "The velocity nearest to the wanted one that hits nothing for some seconds."),
+    "orca_team": ("ORCA", "Rules out velocities that hit somebody who dodges half way too."),
+    "orca_team_map": ("ORCA with map", "ORCA along the shortest way on the map."),
+    "waypoint": ("straight there", "Goes straight to the pose, the slower the nearer."),
+    "polar": ("polar steering", "Lets distance and bearing to the pose decay together."),
+    "smooth_pose": ("smooth curve", "Drives to a pose on a curve that ends in its heading."),
+    "smooth_pose_backward": ("smooth curve, both ways", "The smooth curve, forward or backward."),
+    "reeds_shepp": ("Reeds-Shepp", "The shortest way of a car that goes forward and backward."),
+    "reeds_shepp_scan": ("Reeds-Shepp with laser", "The same, around what its laser shows."),
+    "pure_pursuit": ("pure pursuit", "Drives the arc that meets the path some way ahead."),
+    "regulated_pure_pursuit": ("regulated pursuit", "Pure pursuit that slows down for bends."),
+    "stanley": ("Stanley", "Steers a virtual front wheel onto the path."),
+    "lqr": ("LQR", "Feeds path errors back by gains that are optimal for a sum of squares."),
+    "ilqr": ("iterative LQR", "Plans the next seconds anew in every step."),
+}
 
 
 def worlds(families: Collection[str] = ()) -> list[World]:
@@ -123,8 +166,9 @@ def told() -> dict[str, Any]:
     return {
         "opening": OPENING,
         "sentence": SENTENCE,
-        "free": CHALLENGES[2],
         "challenges": CHALLENGES,
+        "names": {name: [called, f"{what} In Python: {name}."] for name, (called, what) in NAMES.items()},
+        "robots": {name: re.split(r"[,(]", robot.title)[0].strip() for name, robot in ROBOTS.items()},
         "unable": unable(),
         "absent": ABSENT,
         "site": f"{site()}/demo.html" if site() else "",
@@ -139,14 +183,15 @@ def page() -> str:
     """
     content = Content(worlds=worlds())
     content.sentences.append(
-        "Drive a wheeled robot against classical controllers and trained agents, in the package's own simulator: the "
-        "same compiled code, in WebAssembly. Choose a family and a seed, let a policy drive, take over at any moment, "
-        "move obstacles, goal or path, switch actuators and disturbances, save the scenario. Teams drive there too, "
-        "each robot to a goal of its own, and people walk by their laws."
+        "Race wheeled robots by hand against controllers and trained networks, or watch them: alone, in teams, among "
+        "people. Draw them a path, put things in their way, give them other motors or another robot. All is computed "
+        "in this page, by the compiled code of the Python package wayfield (pip install wayfield): the same run, to "
+        "the last bit. Your best times stay in this browser; nothing is sent anywhere."
     )
-    text = rendered(
-        TITLE, content, made("wayfield demo", content), BUDGET, {"demo": told()}, AGENTS_THERE, preview(site())
-    )
+    how = [["version", version("wayfield")], ["commit", (commit() or "not known").replace("-dirty", ", and changes")]]
+    how += [["licence", "MIT"], ["made", datetime.date.today().isoformat()]]
+    how += [["address", f"{site()}/demo.html"]] if site() else []
+    text = rendered(TITLE, content, how, BUDGET, {"demo": told()}, AGENTS_THERE, preview(site()))
     if len(text.encode()) > BUDGET:
         raise ValueError(f"the page has {len(text.encode()):,} bytes; at most {BUDGET:,} may be")
     return text

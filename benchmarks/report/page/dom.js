@@ -72,7 +72,18 @@ function downloaded(blob, name) {
   setTimeout(() => URL.revokeObjectURL(link.href), 1000);
 }
 
+// By the name that Python has: what is shown instead, and what it is in a sentence; the payload of the demo tells them.
+const NAMES = {};
+const OWN = { trained: "", tuned: ", tuned", "hand-tuned": ", tuned by hand", paper: ", as its paper has it" }; // gains
+
 // A policy's label as it is shown.
-const called = (label) => label.replace(/^(\w+) \(trained\)/, (_, name) => `trained network (${name === "ppo" ? "PPO" : name})`).replace("trained network (hybrid)", "network below a planner (hybrid)").replace("astar_tracker", "A* (astar_tracker)");
+function called(label) {
+  if (label === KEYBOARD) return "you";
+  const [, base, gains] = label.match(/^(\w+)(?: \((.*)\))?$/) || [];
+  return base in NAMES ? `${NAMES[base][0]}${OWN[gains] ?? ""}` : label;
+}
+
+// What a policy is, in a sentence; "" of one that nobody describes.
+const aboutOf = (label) => (NAMES[label.split(" ")[0]] || ["", ""])[1];
 
 const short = (value, digits = 3) => (value === null || Number.isNaN(value) ? "" : Number(value.toPrecision(digits)).toString());

@@ -18,7 +18,9 @@ function fitted(world, hull) {
     patrols: made.patrols.map(([x, y, vx, vy, time, phase]) => [factor * x, factor * y, vx, vy, factor * time, factor * phase]) };
 }
 
-const ABOUT_BODIES = { team: "The policy drives all robots; the chosen run shows the others.", people: "People are grey; the chosen run shows them." };
+const ABOUT_BODIES = { team: "One driver for all robots, each with a star of its own.", people: "The grey discs are people: they walk, and react to the robot." };
+const SCENES = { goal: "drive to a star", people: "among people", team: "a team of robots", path: "along a path", dock: "docking" };
+const words = (name) => name.replaceAll("_", " ");
 
 class Draws {
   constructor(replay) {
@@ -34,8 +36,10 @@ class Draws {
       return box;
     };
     this.family = select("scene", () => this.fill());
-    this.seed = select("number", () => this.show());
-    this.family.replaceChildren(...[...this.families.keys()].map((key) => el("option", { value: key }, key)));
+    this.seed = select("variant", () => this.show());
+    const keys = [...this.families.keys()];
+    this.family.replaceChildren(el("option", { value: "", hidden: true }, "your own"), ...Object.entries(SCENES).map(([kind, text]) => el("optgroup", { label: text },
+      keys.filter((key) => key.startsWith(`${kind}: `)).map((key) => el("option", { value: key }, words(key.split(": ")[1]))))));
     this.family.value = replay.told.demo.opening.place.family;
     this.fill();
   }
@@ -50,16 +54,26 @@ class Draws {
     if (drive && !this.silent) drive.robot.value = drive.robotFor(this.families.get(this.family.value)[0]);
     const robot = drive ? drive.robot.value : "p3dx";
     const world = fitted(this.families.get(this.family.value)[Number(this.seed.value)], HULLS[robot]);
-    if (drive) drive.clear();
-    this.replay.show(world, robot, [], `${world.family}, no. ${world.seed}: a scene of the test split, which no agent was trained in.${world.walks ? ` ${ABOUT_BODIES[world.kind]}` : ""}`);
+    this.seed.parentElement.hidden = false;
+    if (drive) {
+      drive.clear();
+      drive.editor.take(null);
+    }
+    this.replay.show(world, robot, [], `No network was trained in this scene.${world.walks ? ` ${ABOUT_BODIES[world.kind]}` : ""}`);
     if (!drive || this.silent) return;
     if (drive.who.value === KEYBOARD) drive.who.value = drive.usual(drive.able()) || KEYBOARD;
     drive.go(false);
   }
 
-  // Which scenario is shown, and back.
+  // A scene that is none of these: drawn, or from a file.
+  own() {
+    this.family.value = "";
+    this.seed.parentElement.hidden = true;
+  }
+
+  // Which scenario is shown, if it is one of these, and back.
   state() {
-    return { family: this.family.value, seed: Number(this.seed.value) };
+    return this.family.value ? { family: this.family.value, seed: Number(this.seed.value) } : null;
   }
 
   restore({ family, seed }) {

@@ -38,28 +38,28 @@ class Drive {
     this.twin = null; // that memory, once there are two panes
     this.hand = null; // the run that is driven by hand
     this.held = new Set();
+    const bodies = (replay.told.demo || {}).robots || {};
     const select = (label, options, change = () => {}) => {
-      const box = el("select", { "aria-label": label, on: { change } }, options.map((each) => el("option", { value: each }, MOTORS[each] || each)));
+      const box = el("select", { "aria-label": label, on: { change } }, options.map((each) => el("option", { value: each }, MOTORS[each] || bodies[each] || each.replace("_", " "))));
       return [box, el("label", {}, label, box)];
     };
     const button = (text, click, attributes = {}) => el("button", { type: "button", ...attributes, on: { click } }, text);
-    const [who, whoLabel] = select("policy", [], () => this.chosenPolicy());
-    const [from, fromLabel] = select("from", ["the start", "this moment of the chosen robot"]);
+    const [who] = select("who drives", [], () => this.chosenPolicy());
+    const [from, fromLabel] = select("begin at", ["the start", "this moment of the chosen robot"]);
     const [robot, robotLabel] = select("robot", robotsOf(kernels), () => { this.picked = true; this.embody(); });
     const [tier, tierLabel] = select("motors", kernels.tables.tiers, () => this.offer());
     const [disturbance, disturbanceLabel] = select("disturbance", Object.keys(kernels.tables.disturbances));
     Object.assign(this, { who, from, robot, tier, disturbance });
     tier.value = "lagged";
-    whoLabel.className = "hidden";
-    this.goButton = button("run this one", () => this.go(), { class: "go" });
+    this.goButton = button("run this one", () => this.go());
     this.allButton = button("race them all", () => this.all());
-    this.handButton = button("drive it yourself (arrow keys)", () => { this.who.value = KEYBOARD; this.go(); });
     this.result = el("p", { class: "note", role: "status" });
     this.cannot = el("p", { class: "note" });
+    this.about = el("p", { class: "note about" });
+    this.choice = el("div", { class: "choice" }, who, el("div", { class: "whole" }, this.goButton, this.allButton), this.about);
     this.pad = el("div", { class: "pad", hidden: true, role: "group", "aria-label": "drive by hand" });
-    replay.board.append(this.pad);
-    replay.quick.append(who, el("div", { class: "whole" }, this.goButton, this.allButton), this.handButton, this.result);
-    this.conditionsPart = el("details", { open: true, class: "scenes" }, el("summary", {}, "Robot and conditions"),
+    replay.quick.append(this.choice, this.pad, this.result);
+    this.conditionsPart = el("details", { class: "scenes" }, el("summary", {}, "Robot and conditions"),
       el("div", { class: "pick" }, free ? robotLabel : null, tierLabel, disturbanceLabel, fromLabel));
     this.editor = new Editor(this);
     this.gains = new Gains(this);
@@ -68,11 +68,12 @@ class Drive {
     this.scenes = 0; // changes of the scene so far
     this.share = new Share(this);
     this.race = new Race(this);
-    this.aboutPart = el("details", { class: "drive" }, el("summary", {}, "About this simulator"),
-      el("p", { class: "note" }, "The page runs the package's own compiled code: without disturbance, runs are those of Python to the last bit. ",
-        "Disturbed runs draw the page's own noise. Arrows drive and turn; an omni base also moves sideways with A and D and turns with Q and E. ",
-        "A scenario file can be dropped on the picture, an image of a map (dark is what stands there), or the data sheet of a differential drive."), this.cannot);
-    replay.side.append(this.editor.part, this.gains.part, this.conditionsPart, this.share.part, this.aboutPart);
+    this.aboutPart = el("details", { class: "drive" }, el("summary", {}, "Keys, files, and what is absent"),
+      el("p", { class: "note" }, "Arrows drive and turn; an omni base also moves sideways with A and D and turns with Q and E. Space plays and pauses, F follows the robot, I and O zoom. ",
+        "A scenario file can be dropped on the picture, an image of a map (dark is what stands there), or the data sheet of a differential drive. ",
+        "Without disturbance, runs are those of Python to the last bit; disturbed runs draw the page's own noise."), this.cannot);
+    replay.side.append(this.share.part, this.editor.part, this.conditionsPart, this.gains.part, this.aboutPart);
+    for (const part of replay.side.querySelectorAll("details")) part.addEventListener("toggle", () => { if (part.open && part.matches(":focus-within")) part.scrollIntoView({ block: "nearest" }); });
     replay.listeners.push(() => this.offer());
     this.wire();
     this.offer();
@@ -83,6 +84,9 @@ class Drive {
     replay.advance = (due) => this.advance(due);
     replay.busy = () => Boolean((this.hand && !this.hand.actor.outcome) || this.runs.some((run) => run.pending && !run.actor.hidden));
     replay.driven = (event, down) => this.key(event, down);
+    replay.spoils = () => (this.hand ? !this.hand.actor.outcome : !still());
+    replay.ends = () => this.race.tellScene();
+    replay.waits = (actor) => this.runs.some((run) => run.actor === actor && run.pending);
     replay.leaves = (actor) => this.forget(this.runs.find((run) => run.actor === actor));
     replay.splits = async () => { this.twin = this.twin || await this.kernels.twin(); this.wake(); };
     replay.canvas.addEventListener("keyup", (event) => this.key(event, false));
@@ -120,8 +124,9 @@ class Drive {
     const told = replay.chosen && replay.chosen.told;
     if (told && told !== this.toldOf) { this.toldOf = told; this.tier.value = told.actuators; }
     const able = this.able();
-    const before = who.value;
-    who.replaceChildren(...[KEYBOARD, ...able].map((each) => el("option", { value: each }, called(each))));
+    const shown = this.runs.find((run) => run.actor === replay.chosen); // who is looked at is who is chosen
+    const before = shown && shown.asked.label !== GHOST ? shown.asked.label : who.value;
+    who.replaceChildren(...[KEYBOARD, ...able].map((each) => el("option", { value: each }, each === KEYBOARD ? "drive it yourself (arrow keys)" : called(each))));
     who.value = able.includes(before) || before === KEYBOARD ? before : this.usual(able) || KEYBOARD;
     const others = replay.told.demo ? (replay.told.demo.unable || {})[replay.world.kind] || [] : [];
     const unable = [...new Set([...replay.actors.filter((actor) => actor.told && !able.includes(actor.policy)).map((actor) => actor.policy), ...others])];
@@ -132,7 +137,8 @@ class Drive {
     if (elsewhere.length) this.cannot.textContent += ` With another robot: ${elsewhere.join(", ")}.`;
     if (!this.task) this.cannot.textContent = "Such scenarios are replayed; no policy can drive in them in the page.";
     if (outlined(replay.world)) this.cannot.textContent += " The map is too large for the page: here one drives among the walls of its outline, and runs are near those of Python, not the same to the last bit.";
-    for (const each of [this.goButton, this.allButton, this.handButton]) each.disabled = !this.task;
+    for (const each of [this.goButton, this.allButton]) each.disabled = !this.task;
+    this.about.textContent = aboutOf(who.value);
     this.gains.offer();
     this.race.tellScene();
   }
@@ -141,6 +147,7 @@ class Drive {
   chosenPolicy() {
     const run = this.runs.find((each) => each.asked.label === this.who.value && !each.reference);
     if (run) this.replay.choose(run.actor);
+    this.about.textContent = aboutOf(this.who.value);
     this.gains.offer();
   }
 
@@ -190,6 +197,9 @@ class Drive {
   all() {
     this.result.textContent = "";
     for (const label of this.able()) if (!this.runs.some((run) => run.asked.label === label && !run.asked.from && !run.pending)) this.add({ label }, false);
+    this.many = true;
+    this.offer();
+    this.tellProgress();
     this.replay.seek(0);
     this.replay.toggle(true);
     this.wake();
@@ -244,11 +254,20 @@ class Drive {
       this.failed(run, error);
       return;
     }
+    this.editor.take(null);
     this.layPad();
     this.replay.pace(1);
     this.replay.fit();
+    this.race.tellScene();
     this.race.countDown();
     this.wake();
+  }
+
+  // The hand rests: the lists are there again in place of the pad.
+  rest() {
+    this.pad.hidden = true;
+    this.choice.hidden = false;
+    this.replay.app.classList.remove("driving");
   }
 
   layPad() {
@@ -260,6 +279,8 @@ class Drive {
       pointercancel: () => this.press(each[1], false), pointerleave: () => this.press(each[1], false), contextmenu: (event) => event.preventDefault(),
       keydown: (event) => { if (event.key === " " || event.key === "Enter") this.press(each[1], true); }, keyup: () => this.press(each[1], false) } }, each[0]))));
     this.pad.hidden = false;
+    this.choice.hidden = true;
+    this.replay.app.classList.add("driving");
   }
 
   press(key, down) {
@@ -295,8 +316,7 @@ class Drive {
     if (!this.hand.actor.outcome) this.hand.actor.note = "stopped";
     this.hand.simulator = null;
     this.hand = null;
-    this.pad.hidden = true;
-    this.replay.hint.hidden = true;
+    this.rest();
     this.held.clear();
   }
 
@@ -411,12 +431,20 @@ class Drive {
     actor.outcome = outcome;
     run.pending = false;
     run.measures = this.measured(actor);
-    actor.note = [run.exact, run.measures.error === null ? "" : `RMS ${short(1000 * run.measures.error)} mm`, `${run.measures.time.toFixed(2)} s`].filter(Boolean).join(", ");
+    actor.note = [run.exact, run.measures.error === null ? "" : `${short(1000 * run.measures.error)} mm off (RMS)`, `${run.measures.time.toFixed(2)} s`].filter(Boolean).join(", ");
     if (run === this.hand) this.race.over(run);
     else this.race.tell();
+    this.tellProgress();
     if (run === this.hand || this.runs.length === 1) say(`${actor.label}: ${OUTCOMES[outcome]} after ${run.measures.time.toFixed(2)} s.`);
     this.replay.listActors();
     this.gains.compare();
+  }
+
+  // How many are still to be driven, while many are.
+  tellProgress() {
+    const left = this.runs.filter((run) => run.pending).length;
+    if (this.many) this.result.textContent = left ? `${this.runs.length - left} of ${this.runs.length} computed …` : "";
+    if (!left) this.many = false;
   }
 
   // What a run is compared by.
@@ -469,6 +497,7 @@ class Drive {
         hand.tape.push(this.twistByHand(hand.simulator));
         if (this.tick(hand, hand.simulator, hand.pilot.act(), hand.target)) { this.held.clear(); break; }
       }
+      replay.view.takeIn([hand.actor.x[hand.actor.x.length - 1], hand.actor.y[hand.actor.y.length - 1]], 2 * HULLS[replay.robot]);
     }
     this.pump(this.looks.on ? 0.5 * FAST : FAST);
     replay.stretch();

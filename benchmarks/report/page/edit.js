@@ -1,8 +1,9 @@
 // Edits the scene: things are moved, resized and turned by their handles, drawn by a drag, and paths by a pen.
 
 const TOOLS = { move: "move", disc: "disc", box: "box", wall: "wall", path: "path" };
-const HINTS = { move: "Drag things; the small squares resize and turn them.", disc: "Click where it shall stand, or drag from its middle to its edge.", box: "Click where it shall stand, or drag from corner to corner.",
-  wall: "Click where it shall stand, or drag from end to end.", path: "Draw: the policies follow your line. End near its beginning to close it." };
+const HINTS = { move: "Drag things; the small squares resize and turn them.", disc: "Click or tap where a disc is to stand; drag for a larger one.", box: "Click or tap where a box is to stand; drag for a larger one.",
+  wall: "Click or tap where a wall is to stand, or drag from end to end.", path: "Draw a line in the picture: everybody follows it when you let go." };
+const AGAIN = { disc: "It drives again, with what you put there. Click for another.", path: "They follow your line. Draw another one as you like." };
 const BY_KEYS = " Arrow keys move the cross (Shift: farther), Enter presses and lets go, Escape ends.";
 const CLICKED = 0.3; // m, from the middle to the edges of what a click puts down
 const SPACING = 0.1; // m between the points of a drawn path
@@ -64,9 +65,9 @@ class Editor {
     const button = (text, click, attributes = {}) => el("button", { type: "button", ...attributes, on: { click } }, text);
     this.buttons = Object.fromEntries(Object.entries(TOOLS).map(([tool, text]) => [tool, button(text, (event) => this.take(this.tool === tool ? null : tool, !event.detail), { "aria-pressed": "false" })]));
     this.file = el("input", { type: "file", accept: ".json,application/json,image/*", class: "hidden", tabindex: "-1", "aria-label": "scenario, image of a map or robot's data sheet", on: { change: () => this.load(this.file.files[0]) } });
-    this.part = el("details", { open: true }, el("summary", {}, "Edit the scene"), el("div", { class: "files" }, Object.values(this.buttons)),
-      el("div", { class: "files" }, button("remove", () => this.remove()), button("reset scene", () => this.undo()), button("save scenario", () => this.save()),
-        button("load scenario or image", () => this.file.click()), this.file));
+    this.part = el("details", {}, el("summary", {}, "Edit the scene"), el("div", { class: "files" }, Object.values(this.buttons)),
+      el("div", { class: "files" }, button("delete", () => this.remove(), { title: "the thing that was moved or put last" }), button("reset scene", () => this.undo()), button("save scenario", () => this.save()),
+        button("open scenario, map or robot", () => this.file.click()), this.file));
     this.replay.overlay = (context, pixel) => this.marks(context, pixel);
     this.cross = null; // m, where the keys have led
     this.replay.grab = (event) => {
@@ -87,23 +88,32 @@ class Editor {
     this.drive.result.textContent = text;
   }
 
-  // Chooses a tool, or none; `keys` tells how to use it without a mouse.
-  take(tool, keys = false) {
+  // Chooses a tool, or none; `keys` tells how to use it without a mouse, `stays` keeps it until one does something else.
+  take(tool, keys = false, stays = false) {
     if (tool && tool !== "path" && tool !== "move" && this.replay.world.path) { this.say("Nothing stands beside a path; draw it, or move its points."); return; }
     this.tool = tool;
+    this.stays = stays;
+    this.keys = keys;
     this.cross = this.grabbed = null;
+    this.replay.blank = stays && tool === "path"; // nothing that stands there has to do with the line
     for (const [name, each] of Object.entries(this.buttons)) each.setAttribute("aria-pressed", name === tool);
     const { canvas, hint } = this.replay;
     canvas.classList.toggle("held", tool !== null); // a finger that edits does not scroll
     canvas.classList.toggle("draws", tool !== null && tool !== "move");
-    hint.hidden = tool === null;
-    hint.replaceChildren(...(tool === null ? [] : [HINTS[tool] + (keys ? BY_KEYS : ""), el("button", { type: "button", on: { click: () => this.take(null) } }, "done")]));
+    this.tell(HINTS[tool]);
     if (keys && tool !== null) {
       this.cross = [...this.replay.view.centre];
       canvas.focus({ preventScroll: true });
     }
     if (tool !== null) canvas.scrollIntoView({ block: "nearest" }); // on a phone the tools lie below the picture
     this.replay.refresh();
+  }
+
+  // What the tool does, or nothing.
+  tell(text) {
+    const { hint } = this.replay;
+    hint.hidden = this.tool === null;
+    hint.replaceChildren(...(this.tool === null ? [] : [text + (this.keys ? BY_KEYS : ""), el("button", { type: "button", on: { click: () => this.take(null) } }, "done")]));
   }
 
   // Without a mouse: arrows move a cross, Enter is the button of the mouse.
@@ -133,6 +143,8 @@ class Editor {
       delete replay.world.closing;
       replay.world.edited = true;
       for (const actor of replay.actors) if (actor.told) actor.ghost = true;
+      this.about = replay.told_of.textContent;
+      replay.told_of.textContent = "A scene that you changed; “reset scene” below brings it back.";
       replay.listActors();
     }
     apply(replay.world);
@@ -145,14 +157,17 @@ class Editor {
     replay.world = drive.world = drive.original;
     for (const actor of replay.actors) actor.ghost = false;
     this.handle = null;
+    if (this.about) replay.told_of.textContent = this.about;
     drive.changed();
     replay.listActors();
+    drive.race.tellScene();
   }
 
   remove() {
     const { handle } = this;
     if (!handle || handle.kind !== "obstacle") { this.say("Choose an obstacle first: with “move”, click on it."); return; }
     this.change((world) => {
+      if (handle.index >= world.obstacles.length - (world.own || 0)) world.own -= 1;
       world.obstacles.splice(handle.index, 1);
       if (world.patrols.length) world.patrols.splice(handle.index, 1);
     });
@@ -271,44 +286,49 @@ class Editor {
     this.grabbed = null;
     this.to = null;
     if (tool === "path") { this.follow(drawnPath(this.line)); return; }
+    const over = this.replay.step >= this.replay.last; // a run that is over starts again
     if (tool !== "move") {
       const clicked = !to || Math.hypot(to[0] - grabbed[0], to[1] - grabbed[1]) * this.replay.view.pixels < 5;
       const [x, y] = grabbed;
       const from = clicked && tool !== "disc" ? [x - CLICKED, y - CLICKED] : grabbed;
       this.change((world) => {
         world.obstacles.push(shapeOf[tool](from, clicked ? [x + CLICKED, y + (tool === "disc" ? 0 : CLICKED)] : to));
+        world.own = (world.own || 0) + 1;
         if (world.patrols.length) world.patrols.push([0, 0, 0, 0, 0, 0]);
         this.handle = { kind: "obstacle", index: world.obstacles.length - 1 };
       });
     }
     if (this.replay.world !== this.drive.original) this.drive.changed();
-    if (tool !== "move") this.ended(tool);
-  }
-
-  // What was drawn ends the tool; another one is a click away.
-  ended(tool) {
-    this.take(null);
-    const { hint } = this.replay;
-    hint.hidden = false;
-    hint.replaceChildren("They drive around it now.", el("button", { type: "button", on: { click: (event) => this.take(tool, !event.detail) } }, `another ${tool}`), el("button", { type: "button", on: { click: () => { hint.hidden = true; } } }, "done"));
+    if (tool === "move") return;
+    if (over) this.replay.seek(0);
+    this.ended();
     this.replay.toggle(true);
   }
 
-  // A drawn line is a scenario of its own, and the policies that follow paths drive along it.
+  // What was drawn ends the tool, unless it stays for more.
+  ended() {
+    if (this.stays) this.tell(AGAIN[this.tool]);
+    else this.take(null);
+  }
+
+  // A drawn line is a scenario of its own, and all that follow paths drive along it.
   follow(drawn) {
-    if (!drawn) { this.say("The line is shorter than 0.5 m; draw a longer one."); this.replay.refresh(); return; }
+    if (!drawn) { this.tell("That line is shorter than 0.5 m: hold the button or the finger down, and draw a longer one."); this.replay.refresh(); return; }
     const { drive, replay } = this;
     const world = { kind: "path", name: "drawn", family: "", tier: "", quantity: null, steps: 2400, ...drawn, laps: 1, corridor: 1, start: null, start_offset: 0, start_turn: 0, edited: true };
-    this.open(world, "A path that you drew.");
-    this.take(null);
+    replay.blank = false;
+    this.open(world, "A path that you drew; grey: the 1 m to either side within which a robot is still on it.");
+    this.ended();
     drive.all();
   }
 
-  open(world, about) {
+  // Shows a world, which is none of the page's own scenes unless it was one before it was edited.
+  open(world, about, own = true) {
     const { drive, replay } = this;
     drive.clear();
     drive.world = drive.original = world;
     this.handle = null;
+    if (own) picks.own();
     replay.show(world, replay.robot, [], about);
   }
 
@@ -328,7 +348,7 @@ class Editor {
     } } });
     const { hint } = this.replay;
     hint.hidden = false;
-    hint.replaceChildren("How long is its longer side? ", box, " m", el("button", { type: "button", on: { click: () => { hint.hidden = true; } } }, "done"));
+    hint.replaceChildren("How long is its longer side? ", box, " m", el("button", { type: "button", on: { click: () => this.take(null) } }, "done"));
   }
 
   marks(context, pixel) {

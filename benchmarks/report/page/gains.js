@@ -11,7 +11,7 @@ class Gains {
     const button = (text, click) => el("button", { type: "button", on: { click } }, text);
     this.resetButton = button("reset", () => this.reset());
     this.tunedButton = button("tuned values", () => this.tuned());
-    this.part = el("details", { class: "law" }, el("summary", {}, "Gains of the policy"), this.about, el("div", { class: "files" }, this.resetButton, this.tunedButton), this.deltas, this.rows);
+    this.part = el("details", { class: "law" }, el("summary", {}, "Tune its gains"), this.about, el("div", { class: "files" }, this.resetButton, this.tunedButton), this.deltas, this.rows);
   }
 
   recipe(label = this.label) {
@@ -30,7 +30,7 @@ class Gains {
     this.label = label;
     const gains = (recipe && recipe.gains) || [];
     this.part.hidden = !gains.length;
-    this.about.textContent = recipe && recipe.fixed && recipe.fixed.length ? `Of ${label}. In Python also: ${recipe.fixed.join(", ")}.` : `Of ${label}.`;
+    this.about.textContent = recipe && recipe.fixed && recipe.fixed.length ? `Of ${called(label)}. In Python also: ${recipe.fixed.join(", ")}.` : `Of ${called(label)}.`;
     this.tunedButton.hidden = !this.found(label);
     this.boxes = new Map();
     this.rows.replaceChildren(...gains.map((gain) => this.row(gain)));

@@ -186,8 +186,8 @@ const LOOKS = {
 
 // The overlay of a trained agent: what its guard or its base makes of what it wanted, or it of what that asks for.
 function guardOf({ guard, base, fill_bodies_scales: scales }) {
-  if (guard) return { kind: "guard", title: "wanted (dashed), and what the guard leaves", numbers: guard };
-  return base && { kind: "guard", title: base.guards ? "wanted (dashed), and what ORCA leaves of it" : "orca_team's choice (dashed), and its own", numbers: scales };
+  if (guard) return { kind: "guard", title: "where it wants to go (red, dashed), and what its safety check leaves of that (blue)", numbers: guard };
+  return base && { kind: "guard", title: base.guards ? "where it wants to go (red, dashed), and what ORCA leaves of that (blue)" : "where ORCA would go (red, dashed), and where it goes (blue)", numbers: scales };
 }
 
 // Beside the picture's own runs, in a memory of its own: what is drawn changes nothing of what is driven.
@@ -197,11 +197,18 @@ class Looks {
     this.replay = drive.replay;
     this.on = false;
     this.sides = [0, 1].map(() => ({ shadow: null, kernels: null })); // of the two panes
-    this.button = el("button", { type: "button", "aria-pressed": "false", class: "kept", title: "what the policy looks at", on: { click: () => this.turn(!this.on) } }, "show its thinking");
+    this.button = el("button", { type: "button", "aria-pressed": "false", class: "kept", on: { click: () => this.press() } }, "show its thinking");
     this.legend = el("p", { class: "hint legend-look", hidden: true });
     this.replay.scanButton.after(this.button);
     this.replay.board.append(this.legend);
     this.replay.under = (view, actor, pane) => this.draw(view, actor, this.sides[pane]);
+  }
+
+  // Where nothing can be drawn, it says why.
+  press() {
+    const able = this.on || this.button.getAttribute("aria-disabled") !== "true";
+    this.drive.result.textContent = able ? "" : this.button.title;
+    if (able) this.turn(!this.on);
   }
 
   async turn(on) {
@@ -309,9 +316,9 @@ class Looks {
   tell(found) {
     const { other } = this.replay;
     const shown = [found, other && this.run(other)].filter(Boolean); // of either pane
-    const told = [...new Set(shown.map(({ run, look }) => `${run.asked.label}: ${look.title}`))].join("; ");
-    this.button.disabled = !shown.length;
-    this.button.title = told || "the page draws no thinking of this policy";
+    const told = [...new Set(shown.map(({ run, look }) => `${run.actor.label}: ${look.title}`))].join("; ");
+    this.button.setAttribute("aria-disabled", !shown.length); // greyed, and says why when it is pressed
+    this.button.title = told || "Choose a run in the list: the page can draw what most controllers and networks look at, not what you or a friend think.";
     this.legend.hidden = !(this.on && shown.length);
     this.legend.textContent = told;
   }

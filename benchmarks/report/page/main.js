@@ -44,9 +44,13 @@ async function main() {
   showTables(told.tables);
   const driven = told.episodes.length || told.demo;
   byId(driven ? "player" : "summary").append(...told.missing.map((each) => el("p", { class: "problem" }, each)));
-  wireTabs([["replay", told.demo ? "Drive" : "Replay and drive", driven], ["summary", told.demo ? "About" : "Results", true],
-    ["charts", "Figures", told.charts.length], ["tables", "Tables", told.tables.length], ["made", "How it was made", true]]);
-  if (told.demo) byId("summary-title").textContent = "What this is";
+  wireTabs([["replay", told.demo ? "Simulator" : "Replay and drive", driven], ["summary", told.demo ? "About" : "Results", true],
+    ["charts", "Figures", told.charts.length], ["tables", "Tables", told.tables.length], ["made", "How it was made", !told.demo]]);
+  if (told.demo) {
+    byId("summary-title").textContent = "What this is";
+    byId("summary").append(document.querySelector("dl.made"));
+    Object.assign(NAMES, told.demo.names);
+  }
   else if (driven) byId("player").before(verdict());
   if (!driven) return;
   replay = new Replay(told, packed);

@@ -75,6 +75,8 @@ class Picks {
     if (wanted) replay.choose(wanted);
   }
 
+  own() {}
+
   state() {
     return { task: this.task.value, family: this.family.value, world: Number(this.world.value) };
   }

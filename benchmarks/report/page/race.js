@@ -1,11 +1,11 @@
-// Races against controllers: numbered challenges, a countdown, the result in the picture, medals, and a friend's ghost.
+// Races against controllers and a network: numbered challenges, a countdown, the result in the picture, medals, and a friend's ghost.
 
-const RIVALS = ["astar_tracker", "vfh_plus", "orca_team", "reeds_shepp", "dwa", "lqr", "pure_pursuit"];
+const RIVALS = ["astar_tracker", "vfh_plus", "orca_team", "reeds_shepp", "polar", "dwa", "lqr", "pure_pursuit"];
 const BEST = "wayfield best times"; // in the browser's storage
 const MEDALS = ["gold", "silver", "bronze"];
 const ENDED = { success: "Finished in", collision: "Crashed after", left_corridor: "Off the path after", timeout: "Out of time:" };
-const ENDINGS = { collision: "crashed", left_corridor: "left the path", timeout: "ran out of time" };
-const ABOUT = "Beat the controllers by hand, or watch them drive.";
+const ABOUT = "Beat controllers and a trained network by hand, or watch them drive.";
+const KEYS = "Hold ↑ (or “ahead”) to drive, ← and → to turn.";
 
 const still = () => window.matchMedia("(prefers-reduced-motion: reduce)").matches;
 
@@ -44,22 +44,41 @@ class Race {
     });
   }
 
-  // The sentence and the three buttons above the picture.
+  // The sentence and the three buttons above the picture; what a tool or a law's thinking is about takes the sentence's place.
   lay() {
+    const { replay, drive } = this;
     const button = (text, click) => el("button", { type: "button", on: { click } }, text);
-    this.sentence = el("p", {});
+    this.sentence = el("p", { class: "sentence", role: "status" });
     this.number = el("select", { "aria-label": "challenge", on: { change: () => this.open(Number(this.number.value)) } });
+    const front = el("div", { class: "front" }, el("div", { class: "words" }, replay.hint, drive.looks.legend, this.sentence), el("div", { class: "large" }, button("Race it", () => this.start()), button("Draw a path", (event) => this.draw(!event.detail)), button("Put things in its way", (event) => this.put(!event.detail))),
+      el("label", { class: "numbers" }, "challenges", this.number));
     this.list();
-    const front = el("div", { class: "front" }, this.sentence, el("div", { class: "large" }, button("Race it", () => this.start()), button("Draw a path", (event) => this.draw(!event.detail)), button("Put things in its way", (event) => this.put(!event.detail))),
-      el("label", { class: "numbers" }, "challenge ", this.number));
-    this.replay.app.before(front);
-    new ResizeObserver(this.replay.place).observe(front);
+    replay.app.before(front);
+    new ResizeObserver(replay.place).observe(front);
+  }
+
+  // Whether the page still shows what it opened on.
+  get opening() {
+    const { told: { demo }, world, other } = this.replay;
+    return Boolean(other) && `${world.kind}: ${world.family}` === demo.opening.place.family;
   }
 
   tellScene() {
     if (!this.sentence) return;
     const { told: { demo }, world } = this.replay;
-    this.sentence.textContent = `${world.family}` === demo.opening.place.family.split(": ")[1] && this.replay.other ? demo.sentence : ABOUT;
+    const hand = this.drive.hand && !this.drive.hand.actor.outcome;
+    this.sentence.textContent = hand ? `${world.path ? "Follow the path to the star" : "Drive to the star"}. ${KEYS}` : this.opening ? demo.sentence : this.closest() || ABOUT;
+    this.number.value = this.now < 0 ? "" : String(this.now);
+    const { editor } = this.drive;
+    if (editor.stays && this.closest()) editor.tell(`${this.closest()} Draw another line as you like.`);
+  }
+
+  // Along a path that was drawn: who kept to it best, once all have driven it.
+  closest() {
+    const { replay, drive: { runs } } = this;
+    if (replay.world.name !== "drawn" || runs.length < 2 || !runs.every(({ actor }) => replay.tells(actor))) return "";
+    const there = runs.filter(({ actor }) => actor.outcome === "success").sort((a, b) => a.measures.error - b.measures.error);
+    return there.length ? `Closest to your line: ${there[0].actor.label}, ${short(1000 * there[0].measures.error)} mm off (RMS). ${there.length} of ${runs.length} arrived.` : "None got to the end of your line.";
   }
 
   get best() {
@@ -70,14 +89,14 @@ class Race {
     }
   }
 
+  // The challenges with their best times; that one is chosen that is on the screen.
   list() {
     const { best } = this;
-    const now = this.number.value;
-    this.number.replaceChildren(...this.challenges.map(({ name }, k) => {
+    this.number.replaceChildren(el("option", { value: "", disabled: true }, "choose one"), ...this.challenges.map(({ name }, k) => {
       const found = best[this.key(k)];
-      return el("option", { value: k }, `${k + 1}. ${name}${found ? `: ${found.time.toFixed(2)} s${found.medal ? `, ${found.medal}` : ""}` : ""}`);
+      return el("option", { value: k }, `${k + 1}. ${name}${found ? ` (${found.medal ? `${found.medal}, ` : ""}${found.time.toFixed(2)} s)` : ""}`);
     }));
-    this.number.value = now || String(Math.max(this.challenges.findIndex((_, k) => !best[this.key(k)]), 0));
+    this.number.value = this.now < 0 ? "" : String(this.now);
   }
 
   key(k) {
@@ -93,9 +112,11 @@ class Race {
     return this.challenges.findIndex(({ family, seed, robot }) => family === place.family && seed === place.seed && robot === replay.robot);
   }
 
+  // Races in the scene on the screen; from what the page opens on the first challenge that was not done.
   start() {
-    if (this.drive.runs.some((run) => run.asked.label === GHOST)) this.again();
-    else this.open(Number(this.number.value));
+    const { best } = this;
+    if (this.opening) this.place(this.challenges[Math.max(this.challenges.findIndex((_, k) => !best[this.key(k)]), 0)]);
+    this.again();
   }
 
   // A scene of the page, as everybody gets it.
@@ -103,31 +124,34 @@ class Race {
     const { drive } = this;
     [drive.robot.value, drive.tier.value, drive.disturbance.value, drive.from.value] = [robot, "lagged", "none", "the start"];
     picks.restore({ family, seed });
+    if (drive.who.value === KEYBOARD) drive.who.value = drive.usual(drive.able());
   }
 
+  // A challenge to look at first: the race begins by a button or a key.
   open(k) {
     this.place(this.challenges[k]);
-    this.number.value = String(k);
-    this.again();
+    this.again(true);
   }
 
-  again() {
+  again(looks = false) {
+    this.looks = looks;
+    this.drive.from.value = "the start";
     this.drive.who.value = KEYBOARD;
     this.drive.go();
   }
 
   draw(keys) {
     this.place(this.challenges[0]);
-    this.drive.editor.take("path", keys);
+    this.drive.editor.take("path", keys, true);
   }
 
   put(keys) {
     const { drive, replay } = this;
     if (replay.other || replay.world.path || !replay.world.goal) {
-      this.place(replay.told.demo.free);
+      this.place(this.challenges[0]);
       drive.go();
     }
-    drive.editor.take("disc", keys);
+    drive.editor.take("disc", keys, true);
   }
 
   // Who drives beside the hand: a trained network, and controllers.
@@ -138,31 +162,51 @@ class Race {
     return [...new Set([drive.usual(able), ...RIVALS.filter((each) => able.includes(each))])].filter(Boolean).slice(0, 3);
   }
 
+  // Three, two, one; a challenge that was only chosen, and who wants no motion, get time to look.
   countDown() {
-    const asked = this.replay.world.path ? "Follow the path to the star." : "Drive to the star.";
+    const { replay: { hint, actors, canvas } } = this;
+    const k = this.now;
     this.run = null;
-    const show = (count) => {
-      if (!count) { this.go(); return; }
-      this.say(el("strong", {}, String(count)), el("p", {}, `${asked} Arrow keys or the buttons in the picture.`));
-      this.timer = setTimeout(() => show(count - 1), 700);
+    const show = (left) => {
+      hint.hidden = true;
+      if (!left) { this.go(); return; }
+      this.say(el("strong", {}, String(left)));
+      this.banner.classList.add("count");
+      canvas.focus({ preventScroll: true });
+      this.timer = setTimeout(() => show(left - 1), 700);
     };
-    if (still()) this.say(el("p", {}, `${asked} Your first key or pad press starts the clock.`));
-    else show(3);
+    if (!this.looks && !still()) { show(3); return; }
+    this.banner.hidden = true;
+    const count = actors.length;
+    const found = k < 0 ? null : this.best[this.key(k)];
+    const rule = count > 1 ? `${count} drive: gold for the first${count > 2 ? ", silver for the second, bronze for the third" : ""}. ` : "";
+    hint.hidden = false;
+    hint.replaceChildren(`${k < 0 ? "" : `${this.challenges[k].name}. `}${rule}${found ? `Your best: ${found.time.toFixed(2)} s. ` : ""}Your first key or pad press starts the clock. `,
+      this.button("Start", () => { if (still()) this.go(); else show(3); }, { class: "go" }));
+  }
+
+  button(text, click, attributes = {}) {
+    return el("button", { type: "button", ...attributes, on: { click } }, text);
   }
 
   go() {
     clearTimeout(this.timer);
-    if (!this.run) this.banner.hidden = true;
+    if (!this.run) this.banner.hidden = this.replay.hint.hidden = true;
+    this.replay.canvas.focus({ preventScroll: true });
     this.replay.toggle(true);
   }
 
   clear() {
     clearTimeout(this.timer);
     this.run = null;
-    this.banner.hidden = true;
+    this.banner.hidden = this.replay.hint.hidden = true;
   }
 
+  // A card in that half of the picture in which the robot is not.
   say(...parts) {
+    const { replay: { view, chosen, step } } = this;
+    const k = chosen ? Math.min(step, chosen.x.length - 1) : -1;
+    this.banner.className = `banner${k >= 0 && chosen.y[k] <= view.centre[1] ? " high" : ""}`;
     this.banner.replaceChildren(...parts.filter(Boolean));
     this.banner.hidden = false;
   }
@@ -173,46 +217,47 @@ class Race {
     this.tell();
   }
 
-  // The result, large in the picture; again as each of the others ends.
+  // The result, large in the picture: the place, who came when, what a better medal needs; again as each of the others ends.
   tell(told = "") {
     const { run, drive, replay } = this;
     if (!run) return;
-    const seconds = ({ x }) => `${((x.length - 1) * DT).toFixed(1)}\u00a0s`;
-    const others = replay.actors.filter((actor) => actor !== run.actor && !actor.ghost);
-    const word = (actor) => (!actor.outcome ? "still drives" : actor.outcome === "success" ? seconds(actor) : ENDINGS[actor.outcome]);
-    const medal = this.medal(others);
-    const button = (text, click, attributes = {}) => el("button", { type: "button", ...attributes, on: { click } }, text);
-    const next = this.nth >= 0 && this.nth + 1 < this.challenges.length && run.actor.outcome === "success";
-    this.say(el("strong", { class: run.actor.outcome === "success" ? "" : "bad" }, `${ENDED[run.actor.outcome]} ${seconds(run.actor)}`),
-      medal ? el("p", { class: `medal ${medal}` }, `${medal} medal`) : null,
-      el("p", {}, `You ${word(run.actor)}, ${others.map((actor) => `${actor.label} ${word(actor)}`).join(", ")}.`),
-      el("div", { class: "files" }, button("Try again (R)", () => this.again(), { class: "go" }), next ? button("Next challenge", () => this.open(this.nth + 1)) : null,
-        button("Copy a link to race this run", async () => this.tell(await drive.share.link())), button("close", () => { this.clear(); })), told ? el("p", { class: "note" }, told) : null);
+    const steps = ({ x }) => x.length - 1;
+    const seconds = (count) => `${(count * DT).toFixed(2)}\u00a0s`;
+    const field = replay.actors.filter((actor) => !actor.ghost);
+    const rivals = field.filter(({ policy }) => policy !== GHOST && policy !== KEYBOARD);
+    const arrived = (actor) => actor.outcome === "success";
+    const times = rivals.filter(arrived).map(steps).sort((a, b) => a - b);
+    const settled = rivals.every((actor) => actor.outcome || steps(actor) > steps(run.actor));
+    const place = arrived(run.actor) && settled ? times.filter((each) => each < steps(run.actor)).length : -1; // a tie is the hand's
+    const medal = rivals.length && place >= 0 ? MEDALS[place] || "" : "";
+    if (place >= 0) this.keep(steps(run.actor) * DT, medal);
+    const better = rivals.length && rivals.every(({ outcome }) => outcome) ? MEDALS.slice(0, Math.min(place < 0 ? 3 : place, rivals.length)).map((each, k) => `${each} ${times[k] ? seconds(times[k]) : "any finish"}`) : [];
+    const order = [...field].sort((a, b) => arrived(b) - arrived(a) || Boolean(a.outcome) - Boolean(b.outcome) || steps(a) - steps(b) || (b === run.actor) - (a === run.actor));
+    const words = order.map((actor) => `${actor === run.actor ? "You" : actor.label} ${arrived(actor) ? seconds(steps(actor)) : OUTCOMES[actor.outcome] || "still drives"}`);
+    const next = this.nth >= 0 && this.nth + 1 < this.challenges.length;
+    this.say(el("strong", { class: arrived(run.actor) ? "" : "bad" }, `${ENDED[run.actor.outcome]} ${seconds(steps(run.actor))}`),
+      place < 0 || !rivals.length ? null : el("p", { class: `medal ${medal}` }, `${["1st", "2nd", "3rd"][place] || `${place + 1}th`} of ${rivals.length + 1}: ${medal || "no"} medal`),
+      el("p", {}, `${words.join(", ")}.`), better.length ? el("p", {}, `Needed: ${better.join(", ")}.`) : null,
+      el("div", { class: "files" }, this.button(matchMedia("(pointer: coarse)").matches ? "Try again" : "Try again (R)", () => this.again(), { class: "go" }), next ? this.button("Next challenge", () => this.open(this.nth + 1)) : null,
+        this.button("Copy a link to race this run", async () => this.tell(await drive.share.link())), this.button("close", () => { this.clear(); drive.rest(); })), told ? el("p", { class: "note" }, told) : null);
   }
 
-  // By the times of the controllers; the best time of a challenge is kept.
-  medal(others) {
-    const { actor } = this.run;
-    const rivals = others.filter((each) => each.policy !== GHOST && each.policy !== KEYBOARD);
-    if (actor.outcome !== "success") return "";
-    const faster = rivals.filter((each) => each.outcome === "success" && each.x.length <= actor.x.length).length;
-    const medal = rivals.length && rivals.every((each) => each.outcome) ? MEDALS[Math.min(faster, 2)] : "";
-    const [k, time, { best }] = [this.nth, (actor.x.length - 1) * DT, this];
-    if (k < 0) return medal;
-    const before = best[this.key(k)];
-    if (!before || time < before.time || (time === before.time && medal && !before.medal)) {
-      try {
-        localStorage.setItem(BEST, JSON.stringify({ ...best, [this.key(k)]: { time, medal } }));
-        this.list();
-      } catch { /* a browser that keeps nothing */ }
-    }
-    return medal;
+  // The best time of a challenge is kept.
+  keep(time, medal) {
+    const { nth, best } = this;
+    if (nth < 0) return;
+    const before = best[this.key(nth)];
+    if (before && (time > before.time || (time === before.time && (before.medal || !medal)))) return;
+    try {
+      localStorage.setItem(BEST, JSON.stringify({ ...best, [this.key(nth)]: { time, medal } }));
+      this.list();
+    } catch { /* a browser that keeps nothing */ }
   }
 
   // A friend's run came by a link.
   challenged(run) {
-    this.say(el("strong", {}, "A friend drove this"), el("p", {}, "Can you do better?"),
-      el("div", { class: "files" }, el("button", { type: "button", class: "go", on: { click: () => this.again() } }, "Race the ghost"), el("button", { type: "button", on: { click: () => this.clear() } }, "watch first")));
     this.drive.replay.choose(run.actor);
+    this.say(el("strong", {}, `A friend drove this for ${(run.tape.length * DT).toFixed(2)}\u00a0s`), el("p", {}, "Can you do better?"),
+      el("div", { class: "files" }, this.button("Race the ghost", () => this.again(), { class: "go" }), this.button("watch first", () => { this.clear(); this.replay.toggle(true); })));
   }
 }

@@ -12,8 +12,7 @@ function rmsOf(actor, step) {
   return length ? Math.sqrt(sum / length) : 0;
 }
 
-const OUTCOMES = { success: "success", collision: "collision", left_corridor: "left the corridor", timeout: "time limit" };
-const NAMED = 6; // robots that are named in the picture, at most
+const OUTCOMES = { success: "arrived", collision: "crashed", left_corridor: "left the path", timeout: "ran out of time" };
 const PLAYBACK = 2; // times as fast as the robots
 
 class Replay {
@@ -31,8 +30,10 @@ class Replay {
     this.world = { kind: "goal" };
     this.robot = "p3dx";
     this.listeners = [];
+    this.spoils = () => false; // whether a result would come before its picture
+    this.waits = () => false; // whether a run is still to be driven
     this.build();
-    themed.push(() => this.refresh());
+    themed.push(() => this.refresh(true));
     new ResizeObserver(() => this.refresh()).observe(this.canvas);
   }
 
@@ -55,21 +56,21 @@ class Replay {
     this.scrubber = el("input", { type: "range", min: 0, max: 1, value: 0, "aria-label": "time", on: { input: () => this.seek(Number(this.scrubber.value)) } });
     this.rates = el("select", { "aria-label": "speed of the replay", title: "speed", on: { change: () => { this.rate = Number(this.rates.value); } } },
       RATES.map((rate) => el("option", { value: rate, selected: rate === PLAYBACK }, `${rate}x`)));
-    this.followButton = el("button", { type: "button", class: "stepwise", "aria-pressed": "false", on: { click: () => this.follow(!this.follows) } }, "follow");
+    this.followButton = el("button", { type: "button", class: "stepwise", "aria-pressed": "false", title: "the picture goes with the chosen robot", on: { click: () => this.follow(!this.follows) } }, "follow robot");
     this.scanButton = el("button", { type: "button", "aria-pressed": "true", on: { click: () => this.rays(!this.scans) } }, "laser rays");
     this.splitButton = el("button", { type: "button", "aria-pressed": "false", class: "kept", title: "two runs side by side", on: { click: () => this.split(this.other ? null : this.actors.find((actor) => actor !== this.chosen && !actor.hidden)) } }, "side by side");
     this.clock = el("span", { class: "clock" });
-    this.list = el("ul", { class: "actors", "aria-label": "policies" });
+    this.list = el("ul", { class: "actors", "aria-label": "runs" });
     this.picks = el("div", { class: "pick" });
     this.told_of = el("p", { class: "note" });
-    this.fitButton = button("fit", () => { this.follow(false); this.fit(); }, { class: "stepwise", title: "show the whole scene" });
-    this.bar = el("div", { class: "bar" }, this.playButton, button("to start", () => this.seek(0)),
+    this.fitButton = button("whole scene", () => { this.follow(false); this.fit(); }, { hidden: true, title: "the picture was moved or zoomed: back to all of it" });
+    this.bar = el("div", { class: "bar" }, this.playButton, button("rewind", () => this.seek(0)),
       this.scrubber, this.clock, this.rates, this.followButton, this.scanButton, this.splitButton,
       recordButton(this), this.fitButton);
-    this.hint = el("p", { class: "hint", hidden: true });
+    this.hint = el("p", { class: "hint", hidden: true, role: "status" });
     this.board = el("div", { class: "board" }, this.canvas, this.beside, this.hint, this.panes);
     this.quick = el("div", { class: "quick" });
-    this.scenario = el("details", { open: true, class: "scenes" }, el("summary", {}, "Scenario"), this.picks, this.told_of);
+    this.scenario = el("details", { open: true, class: "scenes" }, el("summary", {}, "Scene"), this.picks, this.told_of);
     this.side = el("div", { class: "side" }, this.list, this.scenario);
     this.app = el("div", { class: "app" }, this.board, this.quick, this.bar, this.side, el("div", { class: "traces" }, this.traces.map((trace) => trace.canvas)));
     byId("player").append(this.app);
@@ -170,6 +171,7 @@ class Replay {
     this.other = other || null;
     this.beside.hidden = !other;
     const [x0, y0, x1, y1] = this.view.bounds;
+    this.board.classList.toggle("split", Boolean(other));
     this.board.classList.toggle("stacked", Boolean(other) && x1 - x0 > 1.6 * (y1 - y0)); // a wide scene fills the picture so
     if (other && this.splits) this.splits();
     this.splitButton.setAttribute("aria-pressed", Boolean(other));
@@ -182,7 +184,7 @@ class Replay {
     const { chosen, other, actors } = this;
     if (other && (other === chosen || !actors.includes(other))) this.other = actors.find((actor) => actor !== chosen) || null;
     if (other && !this.other) this.split(null);
-    this.splitButton.disabled = actors.length < 2;
+    this.splitButton.hidden = actors.length < 2;
     this.panes.forEach((pane, k) => {
       pane.hidden = !this.other;
       pane.replaceChildren(...actors.map((actor, n) => el("option", { value: n, selected: actor === (k ? this.other : chosen) }, actor.label)));
@@ -214,13 +216,22 @@ class Replay {
   fit() {
     this.view.measure();
     this.view.fit(boundsOf(this.world, this.actors));
+    const [x0, y0, x1, y1] = this.view.bounds;
+    this.app.style.setProperty("--tall", `${(y1 - y0) / (x1 - x0)}`); // on a phone the picture is no taller than its scene
     this.refresh();
+  }
+
+  // Whether the list tells how a run ends: nothing is given away of one that is still on its way in the picture.
+  tells(actor) {
+    if (!actor.outcome) return false;
+    if (this.step >= actor.x.length - 1) actor.seen = actor.version;
+    return Boolean(actor.told) || actor.seen === actor.version || !this.spoils();
   }
 
   // By the result that the list shows, the better the lower: arrived and when, along a path by its error, under way, failed.
   standing(actor) {
     const last = actor.x.length - 1;
-    if (!actor.outcome) return [1, 0];
+    if (!this.tells(actor)) return [1, 0];
     if (actor.outcome !== "success") return [2, -last];
     return [0, this.world.kind === "path" && actor.error ? rmsOf(actor, last) : last];
   }
@@ -233,13 +244,15 @@ class Replay {
     this.list.replaceChildren(...order.map((actor) => {
       const shown = el("input", { type: "checkbox", checked: !actor.hidden, "aria-label": `show ${actor.label}`,
         on: { change: () => { actor.hidden = !shown.checked; this.refresh(true); } } });
-      const bad = actor.outcome && actor.outcome !== "success";
-      const note = [actor.outcome ? OUTCOMES[actor.outcome] : "drives", actor.note, actor.ghost ? "recorded in the scene as it was" : ""].filter(Boolean).join(", ");
+      const ended = this.tells(actor);
+      const bad = ended && actor.outcome !== "success";
+      const note = [ended ? OUTCOMES[actor.outcome] : this.waits(actor) ? "being computed" : (!actor.outcome && actor.note) || "drives", ended ? actor.note : "", actor.ghost ? "recorded in the scene as it was" : ""].filter(Boolean).join(", ");
       return el("li", { "data-chosen": actor === this.chosen ? "yes" : "no" }, shown, swatch(actor.policy),
-        el("button", { type: "button", class: "name", "aria-label": actor.label, "aria-pressed": actor === this.chosen, title: "choose: its scan, its traces, its gains", on: { click: () => this.choose(actor) } }, actor.label),
-        el("button", { type: "button", class: "drop-out", "aria-label": `take out ${actor.label}`, title: "take out", on: { click: () => this.takeOut(actor) } }, "remove"),
+        el("button", { type: "button", class: "name", "aria-label": actor.label, "aria-pressed": actor === this.chosen, title: aboutOf(actor.policy), on: { click: () => this.choose(actor) } }, actor.label),
+        el("button", { type: "button", class: "drop-out", "aria-label": `take out ${actor.label}`, title: "take this run out", on: { click: () => this.takeOut(actor) } }, "×"),
         el("small", { class: bad ? "bad" : "" }, note));
     }));
+    this.listed = this.actors.filter((actor) => this.tells(actor)).length;
     if (held) for (const each of this.list.querySelectorAll("[aria-label]")) if (each.getAttribute("aria-label") === held) each.focus({ preventScroll: true });
   }
 
@@ -299,7 +312,7 @@ class Replay {
     const context = view.begin();
     const pixel = 1 / view.pixels;
     const hull = HULLS[this.robot] || 0.25;
-    drawWorld(context, world, step * DT, pixel);
+    if (!this.blank) drawWorld(context, world, step * DT, pixel);
     if (this.scans && chosen && (world.bodies || world.walls || (world.obstacles && world.obstacles.length))) {
       const k = Math.min(step, chosen.x.length - 1);
       drawScan(context, [...solidsAt(world, step * DT), ...bodiesAt(world, chosen, step, hull)], chosen.x[k], chosen.y[k], chosen.heading[k], pixel);
@@ -308,7 +321,8 @@ class Replay {
     if (chosen && chosen.others && world.bodies) drawBodies(context, world, chosen, step, hull, pixel);
     for (const actor of actors) if (actor !== chosen) drawActor(context, actor, step, hull, pixel, false);
     if (chosen) drawActor(context, chosen, step, hull, pixel, true);
-    if (!this.other && actors.length > 1 && actors.length <= NAMED) drawNames(context, [...new Set([chosen, ...actors])].filter(Boolean), step, hull, pixel);
+    if (!this.blank) drawStars(context, world, pixel);
+    if (!this.other && actors.length > 1) drawNames(context, [...new Set([chosen, ...actors])].filter(Boolean), step, hull, pixel);
     return context;
   }
 
@@ -322,6 +336,11 @@ class Replay {
       view.zoom = Math.max(view.zoom, 2.5);
     }
     const shown = this.actors.filter((actor) => !actor.hidden);
+    this.fitButton.hidden = !view.middle;
+    if (this.actors.filter((actor) => this.tells(actor)).length !== this.listed) {
+      this.listActors();
+      if (this.ends) this.ends();
+    }
     if (this.other) {
       Object.assign(this.otherView, { bounds: view.bounds, zoom: view.zoom, middle: view.middle, least: view.least });
       this.otherView.measure();

@@ -120,25 +120,30 @@ function drawWorld(context, world, time, pixel) {
     context.strokeStyle = ink("--path");
     context.lineWidth = 3 * pixel;
     context.stroke();
-    const end = world.closed ? world.path[0] : world.path[world.path.length - 1];
-    flag(context, end[0], end[1], 7 * pixel);
   }
-  for (const obstacle of solidsAt(world, time)) drawObstacle(context, obstacle, pixel);
+  const own = world.obstacles ? world.obstacles.length - (world.own || 0) : 0; // the last ones were put there
+  solidsAt(world, time).forEach((obstacle, k) => drawObstacle(context, obstacle, pixel, world.own && k >= own && k < own + world.own ? "--accent" : "--solid"));
   (world.waypoints || []).forEach(([x, y]) => ring(context, x, y, world.waypoint_radius, pixel));
   if (world.goal) {
     const [x, y, heading] = world.goal;
     ring(context, x, y, Math.max(world.position_tolerance, 4 * pixel), pixel);
+    if (!(world.heading_tolerance < Math.PI)) return; // any heading will do
     context.beginPath();
     context.moveTo(x, y);
     context.lineTo(x + 0.45 * Math.cos(heading), y + 0.45 * Math.sin(heading));
     context.stroke();
-    flag(context, x, y, 9 * pixel);
   }
 }
 
-function drawObstacle(context, [x, y, cos, sin, l, w, r, mass], pixel) {
-  context.fillStyle = ink("--solid");
-  context.strokeStyle = ink("--solid");
+// Where one is to arrive, over the robots that are there already.
+function drawStars(context, world, pixel) {
+  const { path, goal } = world;
+  if (path && path.length) flag(context, ...(world.closed ? path[0] : path[path.length - 1]), 7 * pixel);
+  if (goal) flag(context, goal[0], goal[1], 9 * pixel);
+}
+
+function drawObstacle(context, [x, y, cos, sin, l, w, r, mass], pixel, colour = "--solid") {
+  context.fillStyle = context.strokeStyle = ink(colour);
   context.beginPath();
   if (l === 0 && w === 0) {
     context.arc(x, y, r, 0, 2 * Math.PI);
@@ -178,8 +183,9 @@ function flag(context, x, y, size) {
 function drawActor(context, actor, k, hull, pixel, chosen) {
   const last = Math.min(k, actor.x.length - 1);
   const colour = ink(colourName(actor.policy));
+  const alpha = actor.ghost || (k > last && !actor.outcome) ? 0.35 : 1; // what is not yet driven so far is a ghost too
   context.strokeStyle = colour;
-  context.globalAlpha = actor.ghost ? 0.35 : 1;
+  context.globalAlpha = alpha;
   context.lineWidth = (chosen ? 3 : 2) * pixel;
   context.setLineDash(dashOf(actor.policy).split(" ").filter(Boolean).map((each) => each * pixel));
   context.beginPath();
@@ -197,36 +203,36 @@ function drawActor(context, actor, k, hull, pixel, chosen) {
   context.globalAlpha *= 0.25;
   context.fillStyle = colour;
   context.fill();
-  context.globalAlpha = actor.ghost ? 0.35 : 1;
+  context.globalAlpha = alpha;
   context.stroke();
-  context.beginPath();
-  context.moveTo(x, y);
-  context.lineTo(x + hull * Math.cos(heading), y + hull * Math.sin(heading));
-  context.stroke();
+  context.beginPath(); // its nose
+  for (const turn of [0, 2.2, -2.2]) context.lineTo(x + (turn ? 0.75 : 1) * hull * Math.cos(heading + turn), y + (turn ? 0.75 : 1) * hull * Math.sin(heading + turn));
+  context.fill();
   if (last === actor.x.length - 1 && actor.outcome && actor.outcome !== "success") failed(context, x, y, Math.max(0.7 * hull, 8 * pixel), pixel);
   context.globalAlpha = 1;
 }
 
-// Who is who, beside the robots, as far as they stand apart.
+// Who is who, above the robots, one above the other where they stand close; of many those that have room.
 function drawNames(context, actors, k, hull, pixel) {
   const placed = [];
+  context.save();
+  context.scale(pixel, -pixel);
+  context.font = "600 13px system-ui, sans-serif";
+  context.textAlign = "center";
+  context.lineWidth = 4;
   for (const { x, y, label, policy } of actors) {
     const last = Math.min(k, x.length - 1);
-    const at = [x[last] / pixel, y[last] / pixel]; // in pixels
-    if (placed.some(([px, py]) => Math.abs(at[0] - px) < 70 && Math.abs(at[1] - py) < 18)) continue;
-    placed.push(at);
-    context.save();
-    context.translate(x[last], y[last]);
-    context.scale(pixel, -pixel);
-    context.font = "600 13px system-ui, sans-serif";
-    context.textAlign = "center";
-    context.lineWidth = 4;
+    const name = label.replace(/ \(.*\)/, "");
+    const half = context.measureText(name).width / 2 + 4;
+    const [at, foot] = [x[last] / pixel, (-y[last] - hull) / pixel - 6];
+    const free = [0, 1, 2, 3, 4].map((row) => foot - 16 * row).find((up) => placed.every(([px, py, ph]) => Math.abs(px - at) > ph + half || Math.abs(py - up) >= 16));
+    if (free === undefined) continue;
+    placed.push([at, free, half]);
     context.strokeStyle = ink("--paper");
     context.fillStyle = ink(colourName(policy));
-    const name = label.replace(/^(trained network|A\*|a friend) .*/, "$1").replace(/, .*/, "");
-    for (const how of ["strokeText", "fillText"]) context[how](name, 0, -hull / pixel - 6);
-    context.restore();
+    for (const how of ["strokeText", "fillText"]) context[how](name, at, free);
   }
+  context.restore();
 }
 
 // The other bodies of the run of an actor: robots as large as it, and people, with the goals of the robots.
@@ -269,7 +275,7 @@ function failed(context, x, y, size, pixel) {
 function drawScan(context, solids, x, y, heading, pixel) {
   const obstacles = solids.filter((each) => distanceTo(each, x, y) < REACH);
   context.strokeStyle = ink("--accent");
-  context.globalAlpha = 0.35;
+  context.globalAlpha = 0.22;
   context.lineWidth = pixel;
   context.beginPath();
   for (let k = 0; k < BEAMS; k++) {

@@ -2,6 +2,7 @@
 
 const LINK = 1; // version of what a link holds
 const EMBEDS = ["law", "scenes"]; // what a small simulator is about: its gains, or what there is to drive in
+const LONG = 2000; // characters of a link
 
 class Share {
   constructor(drive) {
@@ -10,6 +11,12 @@ class Share {
     const button = (text, click) => el("button", { type: "button", on: { click } }, text);
     this.told = el("p", { class: "note", role: "status" });
     this.part = el("details", { open: true }, el("summary", {}, "Share"), el("div", { class: "files" }, button("copy link", () => this.link()), button("copy Python", () => this.python())), this.told);
+    // a link that is pasted into the page, or into its address, is opened
+    document.addEventListener("paste", (event) => {
+      const [, state] = event.clipboardData.getData("text").trim().split("#");
+      if (state && !/INPUT|SELECT/.test(event.target.tagName)) location.hash = state;
+    });
+    window.addEventListener("hashchange", () => { if (location.hash !== "#replay") location.reload(); });
   }
 
   // All that decides what is shown, as plain values.
@@ -31,8 +38,11 @@ class Share {
     const { site } = replay.told.demo || {};
     const url = `${site || location.href.split("#")[0]}#${encodeURIComponent(state)}`;
     history.replaceState(null, "", `#${encodeURIComponent(state)}`);
-    const told = (await copied(url)) ? `Link copied: ${url.length} characters.` : "The link is in the address bar.";
-    this.told.textContent = site || location.protocol !== "file:" ? told : `${told} This page is a file of yours: send the file along.`;
+    const there = await copied(url);
+    const told = there ? "Link copied." : "The link is in the address bar.";
+    const long = url.length > LONG ? ` It is long, ${url.length} characters: some chats cut it.` : "";
+    const file = decodeURIComponent(location.pathname.split("/").pop());
+    this.told.textContent = site || location.protocol !== "file:" ? `${told}${long}` : `${told} It works on this computer only, as this page is a file here. To send the run: send the file ${file} and the link; your friend opens the file and pastes the link into it (Ctrl+V).${long}`;
     return this.told.textContent;
   }
 
@@ -72,7 +82,7 @@ class Share {
     if (state.place !== undefined) picks.restore(state.place, !world);
     if (world) {
       const { original } = drive;
-      drive.editor.open(world, world.name === "drawn" ? "A path that was drawn." : "A scene that was edited.");
+      drive.editor.open(world, world.name === "drawn" ? "A path that was drawn." : "A scene that was edited.", state.place === undefined);
       if (state.place !== undefined && original) { drive.original = original; drive.world = world; }
     }
     drive.tier.value = state.actuators;
@@ -94,7 +104,7 @@ class Share {
     if (able.includes(state.policy)) drive.who.value = state.policy;
     drive.chosenPolicy();
     if (state.beside !== undefined) {
-      const other = replay.actors.find((actor) => actor.label === state.beside);
+      const other = replay.actors.find((actor) => [actor.label, actor.policy].includes(state.beside));
       if (!other) throw new Error(`beside is ${JSON.stringify(state.beside)}; the runs are ${replay.actors.map((actor) => actor.label).join(", ")}`);
       replay.split(other);
     }
@@ -125,16 +135,16 @@ class Share {
   async python() {
     const { drive, replay } = this;
     const run = drive.runs.find((each) => each.actor === replay.chosen) || drive.runs[0];
-    if (!run) { this.told.textContent = "Let a policy drive in the page first: the code drives that run."; return; }
+    if (!run) { this.told.textContent = "Run something here first: the code drives that run."; return; }
     if (run.asked.from) { this.told.textContent = "This run began in the middle of another; the code drives runs from the start."; return; }
     const text = pythonOf(drive, run);
-    this.told.textContent = (await copied(text)) ? `Python copied: it drives “${run.actor.label}” again${run.asked.conditions.disturbance === "none" ? ", to the last bit." : "; disturbed runs draw other noise than the page."}` : "The browser allows no copy.";
+    this.told.textContent = (await copied(text)) ? `Python copied: it drives “${run.actor.label}” again${run.asked.conditions.disturbance === "none" ? ", to the last bit" : "; disturbed runs draw other noise than the page"}. It needs the package: pip install wayfield.` : "The browser allows no copy.";
   }
 }
 
 // A world without what the page adds by itself.
 function stripped(world) {
-  const { made, closing, hull, ...rest } = world;
+  const { made, closing, hull, own, ...rest } = world;
   return rest;
 }
 
@@ -160,7 +170,7 @@ function checkedWorld(world) {
     for (const each of sizes) if (each < 0) throw new Error(`an obstacle's size or mass is ${each}; it must be at least 0`);
   }
   if (patrols.length && patrols.length !== obstacles.length) throw new Error(`patrols has ${patrols.length} rows; there are ${obstacles.length} obstacles`);
-  const kept = { ...world, steps: Math.min(world.steps, 12000), edited: true, grid: undefined };
+  const kept = { ...world, steps: Math.min(world.steps, 12000), edited: true, grid: undefined, own: 0 };
   if (world.kind === "path") {
     if (path.length < (world.closed ? 3 : 2)) throw new Error(`path has ${path.length} points; it needs ${world.closed ? 3 : 2}`);
     path.forEach(([x, y], k) => { if (k && x === path[k - 1][0] && y === path[k - 1][1]) throw new Error(`path points ${k - 1} and ${k} are the same`); });

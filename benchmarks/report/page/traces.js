@@ -71,7 +71,7 @@ class Trace {
       const value = values[Math.min(step, values.length - 1)];
       context.fillStyle = ink("--ink");
       context.textAlign = "right"; // in the corner: beside the cursor it would cover the name
-      if (Number.isFinite(value)) context.fillText(`${value.toFixed(3)} ${this.unit}`, view.width - 10, 12);
+      if (Number.isFinite(value)) context.fillText(`${(Math.round(1000 * value) / 1000 || 0).toFixed(3)} ${this.unit}`, view.width - 10, 12);
     }
   }
 

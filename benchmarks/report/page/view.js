@@ -36,6 +36,16 @@ class View {
     this.middle = null;
   }
 
+  // Shows a place (m) too, with a margin around it: from farther away where it has left the picture.
+  takeIn([x, y], margin) {
+    const [cx, cy] = this.centre;
+    const [a, b] = [this.width / 2 / this.pixels, this.height / 2 / this.pixels];
+    if (!this.width || (Math.abs(x - cx) <= a - margin && Math.abs(y - cy) <= b - margin)) return;
+    const [x0, y0, x1, y1] = this.bounds;
+    this.bounds = [Math.min(x0, x - margin), Math.min(y0, y - margin), Math.max(x1, x + margin), Math.max(y1, y + margin)];
+    [this.zoom, this.middle] = [1, null];
+  }
+
   get pixels() { // of a metre
     const [x0, y0, x1, y1] = this.bounds;
     return this.zoom * Math.min(this.width / Math.max(x1 - x0, 0.1), this.height / Math.max(y1 - y0, 0.1));
