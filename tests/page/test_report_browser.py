@@ -426,7 +426,9 @@ def test_runs_chosen_in_the_page_are_those_of_python(browser: Browser, files: di
         for kind, policy, robot in (*((kinds[k % len(kinds)], "", "") for k in range(SETTINGS)), *ALSO):
             told = [choose("scene", lambda each, kind=kind: each.startswith(f"{kind}: "))]
             told += [choose("robot", lambda each, robot=robot: each.startswith(robot)), choose("motors")]
-            told.append(choose("who drives", lambda each, policy=policy: each.startswith(policy) and each[:4] != "you,"))
+            told.append(
+                choose("who drives", lambda each, policy=policy: each.startswith(policy) and each[:4] != "you,")
+            )
             tab.get_by_role("button", name="run this one").click()
             watched.until(DRIVEN)
             assert tab.evaluate("replay.chosen.policy") == told[-1]

@@ -3,7 +3,7 @@
 const TOOLS = { move: "move", disc: "disc", box: "box", wall: "wall", path: "path" };
 const HINTS = { move: "Drag things; the small squares resize and turn them.", disc: "Click or tap where a disc is to stand; drag for a larger one.", box: "Click or tap where a box is to stand; drag for a larger one.",
   wall: "Click or tap where a wall is to stand, or drag from end to end.", path: "Draw a line in the picture: everybody follows it when you let go." };
-const AGAIN = { disc: "It drives again, with what you put there. Click for another.", path: "They follow your line. Draw another one as you like." };
+const AGAIN = { disc: "It drives again, with what you put there. Click or tap for another.", path: "They follow your line. Draw another one as you like." };
 const BY_KEYS = " Arrow keys move the cross (Shift: farther), Enter presses and lets go, Escape ends.";
 const CLICKED = 0.3; // m, from the middle to the edges of what a click puts down
 const SPACING = 0.1; // m between the points of a drawn path
@@ -107,6 +107,7 @@ class Editor {
     }
     if (tool !== null) canvas.scrollIntoView({ block: "nearest" }); // on a phone the tools lie below the picture
     this.replay.refresh();
+    this.drive.race.tellScene();
   }
 
   // What the tool does, or nothing.
@@ -307,6 +308,7 @@ class Editor {
 
   // What was drawn ends the tool, unless it stays for more.
   ended() {
+    this.drive.race.tellScene();
     if (this.stays) this.tell(AGAIN[this.tool]);
     else this.take(null);
   }

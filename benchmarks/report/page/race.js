@@ -142,6 +142,8 @@ class Race {
 
   draw(keys) {
     this.place(this.challenges[0]);
+    picks.own();
+    this.replay.told_of.textContent = "Nothing but the path that you draw.";
     this.drive.editor.take("path", keys, true);
   }
 

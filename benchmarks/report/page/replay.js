@@ -322,7 +322,7 @@ class Replay {
     for (const actor of actors) if (actor !== chosen) drawActor(context, actor, step, hull, pixel, false);
     if (chosen) drawActor(context, chosen, step, hull, pixel, true);
     if (!this.blank) drawStars(context, world, pixel);
-    if (!this.other && actors.length > 1) drawNames(context, [...new Set([chosen, ...actors])].filter(Boolean), step, hull, pixel);
+    if (!this.other && actors.length > 1) drawNames(context, view, [...new Set([chosen, ...actors])].filter(Boolean), step, hull, pixel);
     return context;
   }
 

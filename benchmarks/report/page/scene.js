@@ -212,9 +212,10 @@ function drawActor(context, actor, k, hull, pixel, chosen) {
   context.globalAlpha = 1;
 }
 
-// Who is who, above the robots, one above the other where they stand close; of many those that have room.
-function drawNames(context, actors, k, hull, pixel) {
+// Who is who, above the robots or below, one above the other where they stand close; of many those that have room.
+function drawNames(context, view, actors, k, hull, pixel) {
   const placed = [];
+  const [middle, height] = [view.centre[0] * view.pixels, -view.centre[1] * view.pixels];
   context.save();
   context.scale(pixel, -pixel);
   context.font = "600 13px system-ui, sans-serif";
@@ -224,8 +225,11 @@ function drawNames(context, actors, k, hull, pixel) {
     const last = Math.min(k, x.length - 1);
     const name = label.replace(/ \(.*\)/, "");
     const half = context.measureText(name).width / 2 + 4;
-    const [at, foot] = [x[last] / pixel, (-y[last] - hull) / pixel - 6];
-    const free = [0, 1, 2, 3, 4].map((row) => foot - 16 * row).find((up) => placed.every(([px, py, ph]) => Math.abs(px - at) > ph + half || Math.abs(py - up) >= 16));
+    const room = Math.max(view.width / 2 - half, 0);
+    const at = Math.min(Math.max(x[last] / pixel, middle - room), middle + room);
+    const [above, below] = [(-y[last] - hull) / pixel - 6, (-y[last] + hull) / pixel + 16];
+    const free = [0, 1, 2, 3, 4, -1, -2, -3, -4].map((row) => (row < 0 ? below - 16 * (row + 1) : above - 16 * row))
+      .find((foot) => Math.abs(foot - 5 - height) < view.height / 2 - 8 && placed.every(([px, py, ph]) => Math.abs(px - at) > ph + half || Math.abs(py - foot) >= 16));
     if (free === undefined) continue;
     placed.push([at, free, half]);
     context.strokeStyle = ink("--paper");
