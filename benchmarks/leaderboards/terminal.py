@@ -31,7 +31,7 @@ def print_short(
             rows = table.rows[:lines]
             say(_small(table.header, rows, width))
             if any(OFF_PACE in cell for row in rows for cell in row):
-                print(f"{OFF_PACE}: over 3 % faster or slower than the target: errors do not compare exactly")
+                print(f"{OFF_PACE}: over 3 % faster or slower than the target: errors cannot be compared exactly")
             if len(rows) < len(table.rows):
                 print(f"{len(table.rows) - len(rows)} more in table.md")
         print()

@@ -97,8 +97,8 @@ _TASKS: tuple[tuple[str, str, str, str, str, str, Mapping[str, str]], ...] = (
 CROWDS = {  # of the parts those of equal inputs, and in the crowds of others, as README calls them
     "in the open, lidar only": "for teams in the open",
     "at doors and in rooms, lidar only": "for teams at doors and in rooms",
-    "on CrowdNav's test cases": "among five pedestrians (CrowdNav's test cases)",
-    "in AttnGraph's crowd": "in a crowd of 20 (AttnGraph's scenes)",
+    "on CrowdNav's test cases": "among five pedestrians of CrowdNav",
+    "in AttnGraph's crowd": "in AttnGraph's crowd of 20",
 }
 TASKS = len(_TASKS) + 1
 _SECTIONS = ("path-following", "goal-obstacles-claims", "docking-claims")  # whose rows these are
@@ -231,7 +231,7 @@ def _share(rows: Sequence[Row], name: str, metric: str) -> tuple[float, float, f
 def sentences(found: Sequence[Panel]) -> list[str]:
     """Returns a sentence a task: who wins, by how much, in how many scenes."""
     told = []
-    for panel in found:
+    for panel in itertools.chain.from_iterable(map(_bullets, found)):
         clauses: list[str] = []
         before = ""
         for match in panel.matches:
@@ -243,6 +243,17 @@ def sentences(found: Sequence[Panel]) -> list[str]:
             before = words
         told.append(f"- **{panel.title}**: {'; '.join(clauses).replace('; and ', ', and ')}.")
     return told
+
+
+def _bullets(panel: Panel) -> Iterator[Panel]:
+    """Yields a panel, that of teams and crowds in two: a bullet each."""
+    teams = tuple(each for each in panel.matches if each.where.startswith("for teams"))
+    if not teams:
+        yield panel
+        return
+    others = tuple(each for each in panel.matches if each not in teams)
+    yield dataclasses.replace(panel, title="Teams", matches=teams)
+    yield dataclasses.replace(panel, title="Crowds", matches=others)
 
 
 def _clause(panel: Panel, match: Match) -> tuple[str, str, str]:
@@ -303,7 +314,7 @@ def _count(found: Sequence[Panel]) -> str:
 def _where(panel: Panel, match: Match) -> str:
     """Returns a kind of scenes as a phrase."""
     task = "" if match.where in CROWDS.values() else f"{panel.title.partition(' (')[0].lower()} "
-    return f"{'on ' if panel.unit == 'mm' else task}{match.where.partition(' (')[0]}{', by time' * bool(match.faster)}"
+    return f"{'on ' if panel.unit == 'mm' else task}{match.where}{', by time' * bool(match.faster)}"
 
 
 def figure(found: Sequence[Panel]) -> bytes:
@@ -348,7 +359,7 @@ def _draw(axes: Any, panel: Panel) -> None:
 
 
 def _wrapped(match: Match) -> str:
-    words = match.where.removeprefix("for ").partition(" (")[0].split()
+    words = match.where.removeprefix("for ").split()
     half = (len(words) + 1) // 2
     return "\n".join((" ".join(words[:half]), " ".join(words[half:]), f"n = {match.scenes:,}"))
 
