@@ -378,6 +378,57 @@ def test_a_race_has_a_result_and_its_link_carries_the_run(browser: Browser, file
         assert watched.errors == []
 
 
+def test_a_finger_that_stays_down_ends_a_race_on_a_card(browser: Browser, files: dict[str, Path]) -> None:
+    """And the robot is in the picture all the way, also off the field; the pad lies beside the picture."""
+    size: Any = {"width": 390, "height": 844}
+    with Watched(browser, files["demo"], viewport=size, has_touch=True, reduced_motion="reduce") as watched:
+        tab = watched.page
+        tab.get_by_role("button", name="Race it").click()
+        box = tab.get_by_role("button", name="ahead").bounding_box()
+        picture = tab.locator(".board canvas").first.bounding_box()
+        assert box is not None
+        assert picture is not None
+        assert picture["y"] + picture["height"] <= box["y"]
+        tab.evaluate("() => { replay.world.obstacles = []; replay.pace(8); drive.begin(drive.hand, true); }")
+        touch = watched.context.new_cdp_session(tab)
+        at = {"x": box["x"] + box["width"] / 2, "y": box["y"] + box["height"] / 2}
+        touch.send("Input.dispatchTouchEvent", {"type": "touchStart", "touchPoints": [at]})
+        seen = """(({ view, chosen: { x, y } }) => [(x.at(-1) - view.centre[0]) * view.pixels / view.width,
+                   (y.at(-1) - view.centre[1]) * view.pixels / view.height])(replay)"""
+        for _ in range(600):
+            assert max(map(abs, tab.evaluate(seen))) < 0.5
+            if tab.evaluate("drive.hand.actor.outcome"):
+                break
+        touch.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+        tab.wait_for_timeout(300)
+        assert tab.evaluate("drive.hand.actor.outcome")
+        assert tab.get_by_role("button", name="Try again").is_visible()
+        assert watched.errors == []
+
+
+def test_every_click_puts_a_thing_and_every_drag_draws_a_path(browser: Browser, files: dict[str, Path]) -> None:
+    with Watched(browser, files["demo"], viewport={"width": 1280, "height": 900}) as watched:
+        tab = watched.page
+        tab.get_by_role("button", name="Put things in its way").click()
+        before = tab.evaluate("replay.world.obstacles.length")
+        x, y, _ = tab.evaluate("replay.world.goal")
+        for count, at in enumerate(([x + 1.0, y], [x, y + 1.0], [x - 1.0, y])):
+            drag(tab, [at])
+            assert tab.evaluate("replay.world.obstacles.length") == before + count + 1
+            watched.until(DRIVEN)
+            tab.evaluate("replay.seek(replay.last)")  # the run is over: the next click starts it again
+        drag(tab, [[x, y - 1.0]])
+        assert tab.evaluate("replay.playing || replay.step < replay.last")
+        tab.get_by_role("button", name="Draw a path").click()
+        for side in (1.5, -1.5):
+            drag(tab, [[0.0, 0.0], [side, 0.5], [2.0 * side, 0.0]])
+            watched.until(f"replay.world.kind === 'path' && {DRIVEN}")
+            assert (tab.evaluate("replay.world.path.at(-1)[0]") > 0.0) == (side > 0.0)
+        tab.get_by_role("button", name="Race it").click()  # who goes on ends the tool
+        assert tab.evaluate("[drive.editor.tool, replay.hint.hidden]") == [None, True]
+        assert watched.errors == []
+
+
 def test_the_chosen_policy_goes_first_and_all_stand_at_the_start(browser: Browser, files: dict[str, Path]) -> None:
     with Watched(browser, files["demo"], reduced_motion="reduce") as watched:
         tab = watched.page

@@ -216,7 +216,7 @@ class Drive {
     const kept = from && { ...from, x: Array.from(from.x).slice(0, step + 3), y: Array.from(from.y).slice(0, step + 3), heading: Array.from(from.heading).slice(0, step + 3), others: (from.others || []).map(({ x, y }) => ({ x: x.slice(0, step + 3), y: y.slice(0, step + 3) })), error: from.error && Array.from(from.error).slice(0, step + 3) };
     const actor = { x: [], y: [], heading: [], others: [], version: 0, policy: label, label: about ? `${called(label)}, ${about}` : called(label), outcome: "", note: "", robot: conditions.robot,
       error: replay.world.kind === "path" ? [] : null, ghost: false };
-    const run = { asked: { label, from: kept, step, conditions, gains }, actor, pending: true, reference, tape };
+    const run = { asked: { label, from: kept, step, conditions, gains }, actor, pending: label !== KEYBOARD, reference, tape };
     this.placed(run);
     this.runs.push(run);
     replay.add(actor, choose);
@@ -244,7 +244,6 @@ class Drive {
     this.endHand();
     for (const label of from ? [] : this.race.rivals()) if (!this.runs.some((run) => run.asked.label === label)) this.add({ label }, false);
     const run = this.add({ label: KEYBOARD, from, step });
-    run.pending = false;
     this.abort();
     this.hand = run;
     this.replay.toggle(false);

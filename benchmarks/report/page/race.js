@@ -94,7 +94,7 @@ class Race {
     const { best } = this;
     this.number.replaceChildren(el("option", { value: "", disabled: true }, "choose one"), ...this.challenges.map(({ name }, k) => {
       const found = best[this.key(k)];
-      return el("option", { value: k }, `${k + 1}. ${name}${found ? ` (${found.medal ? `${found.medal}, ` : ""}${found.time.toFixed(2)} s)` : ""}`);
+      return el("option", { value: k }, `${k + 1}. ${name}${found ? `: ${found.medal || "done"}` : ""}`);
     }));
     this.number.value = this.now < 0 ? "" : String(this.now);
   }
@@ -216,6 +216,7 @@ class Race {
   over(run) {
     this.run = run;
     this.nth = this.now;
+    this.tellScene();
     this.tell();
   }
 

@@ -206,7 +206,7 @@ function drawActor(context, actor, k, hull, pixel, chosen) {
   context.globalAlpha = alpha;
   context.stroke();
   context.beginPath(); // its nose
-  for (const turn of [0, 2.2, -2.2]) context.lineTo(x + (turn ? 0.75 : 1) * hull * Math.cos(heading + turn), y + (turn ? 0.75 : 1) * hull * Math.sin(heading + turn));
+  for (const [turn, far] of [[0, 1], [2.5, 0.8], [Math.PI, 0.25], [-2.5, 0.8]]) context.lineTo(x + far * hull * Math.cos(heading + turn), y + far * hull * Math.sin(heading + turn));
   context.fill();
   if (last === actor.x.length - 1 && actor.outcome && actor.outcome !== "success") failed(context, x, y, Math.max(0.7 * hull, 8 * pixel), pixel);
   context.globalAlpha = 1;
