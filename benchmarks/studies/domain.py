@@ -14,7 +14,7 @@ from typing import Any
 import click
 import numpy as np
 import torch
-from flocks import driven, read
+from kept_parts import drive_missing, read
 from learning import score
 from sim_to_sim import CHAIN
 
@@ -83,7 +83,7 @@ def parts() -> Iterator[tuple[dict[str, str], Any]]:
 @click.command(cls=OneLineErrors)
 def main() -> None:
     """Trains and drives what is not in the rows."""
-    driven(DOMAIN, FIELDS, parts())
+    drive_missing(DOMAIN, FIELDS, parts())
 
 
 if __name__ == "__main__":

@@ -5,13 +5,10 @@ same scenes from the same starts with the same scan; scenes of a hull beyond 0.3
 `everywhere.csv.xz`, and the page is made of them; cells that are there already are not driven again.
 """
 
-import csv
 import dataclasses
 import functools
-import io
 import itertools
-import lzma
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +16,8 @@ import click
 import gymnasium
 import numpy as np
 from flocks import AHEAD, BEHIND, first_episodes, leaning
-from tabulate import tabulate
+from kept_parts import Part, drive_missing
+from kept_parts import table as text_of
 
 from wayfield import policies
 from wayfield.benchmarks.leaderboards.verdicts import BETTER, MARGIN, WORSE, outcome
@@ -32,10 +30,8 @@ from wayfield.policies.pilot import Pilot
 from wayfield.policies.trained.any_robot import agents_of
 from wayfield.policies.trained.ppo import shipped
 from wayfield.policies.training.drawn import robot_like
-from wayfield.system.checks import MOST_BYTES
 from wayfield.system.command_line import OneLineErrors
 from wayfield.system.storage import write_whole
-from wayfield.system.unpacking import xz_rows
 
 FIRST_SEED = 4_000_000  # no split goes so far
 STILL = (
@@ -153,41 +149,19 @@ def drive(name: str, condition: Condition, bank: Sequence[GoalScenario]) -> list
     return list(zip(arrived.tolist(), touched.tolist(), times.tolist(), strict=True))
 
 
-def read_rows(file: Path) -> list[dict[str, str]]:
-    """Returns the rows of a packed file."""
-    names, *lines = xz_rows(file.read_bytes(), MOST_BYTES, MOST_BYTES)
-    return [dict(zip(names, line, strict=True)) for line in lines]
-
-
-def rows_of(count: int, file: Path, only: Sequence[str]) -> list[dict[str, str]]:
-    """Returns the rows of a file, with those that it lacked driven and written."""
-    rows = read_rows(file) if file.exists() else []
-    done = {(row["condition"], row["policy"]) for row in rows}
+def parts(count: int, only: Sequence[str]) -> Iterator[Part]:
+    """Yields the parts: an entry in a condition."""
     for condition in (each for each in CONDITIONS if not only or each.name in only):
         for name in entries(condition):
-            if (condition.name, name) in done:
-                continue
-            click.echo(f"{condition.name}: {name}", err=True)
-            # family by family, since all of a bank are driven until the last has ended
-            for _, family in itertools.groupby(scenes(count), lambda scene: scene.family):
-                bank = list(family)
-                for scene, (success, collision, seconds) in zip(bank, drive(name, condition, bank), strict=True):
-                    cells = (
-                        condition.name,
-                        scene.family,
-                        scene.name,
-                        name,
-                        int(success),
-                        int(collision),
-                        f"{seconds:.2f}",
-                    )
-                    rows.append(dict(zip(FIELDS, map(str, cells), strict=True)))
-            text = io.StringIO()
-            writer = csv.DictWriter(text, FIELDS, lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(rows)
-            write_whole(file, lzma.compress(text.getvalue().encode()))
-    return rows
+
+            def drives(name: str = name, condition: Condition = condition) -> Iterator[Sequence[Any]]:
+                # family by family, since all of a bank are driven until the last has ended
+                for _, family in itertools.groupby(scenes(count), lambda scene: scene.family):
+                    bank = list(family)
+                    for scene, (success, collision, seconds) in zip(bank, drive(name, condition, bank), strict=True):
+                        yield scene.family, scene.name, int(success), int(collision), f"{seconds:.2f}"
+
+            yield {"condition": condition.name, "policy": name}, drives
 
 
 class Kept:
@@ -274,11 +248,7 @@ def table(kept: Kept, moving: bool) -> str:
         differences.append([condition, *(_points(kept.compared[law, moving, condition, False]) for law in LAWS)])
     shown = [name.removeprefix(f"{AGENT} ") if name in kept.seeds else f"`{name}`" for name in kept.names]
     headers = ["condition", *shown], [f"`{AGENT}` less", *(f"`{law}`" for law in LAWS)]
-    tables = (
-        tabulate(lines, header, tablefmt="github", disable_numparse=True)
-        for lines, header in zip((shares, differences), headers, strict=True)
-    )
-    return "\n\n".join(map(str, tables))
+    return "\n\n".join(map(text_of, (shares, differences), headers))
 
 
 def sentences(kept: Kept, moving: bool) -> str:
@@ -322,7 +292,7 @@ def half_speed(kept: Kept) -> str:
             sides = [f"beside `{law}` {_side(each)} ({_points(each)})" for law, each in found.items()]
             told.append(f"* {condition}, {what}: `{OWN}` is {', '.join(sides)}.")
     header = ["condition", "scenes", f"`{OWN}`, {len(kept.own)} seeds", *(f"`{law}`" for law in LAWS)]
-    shown = str(tabulate(lines, header, tablefmt="github", disable_numparse=True))
+    shown = text_of(lines, header)
     words = f"The P3DX's own agents were trained at 0.6 m/s. `{AGENT}` at 0.3 m/s stands in the tables above."
     return "\n\n".join(("## The P3DX's agents at half their speed", words, "\n".join(told), shown))
 
@@ -374,7 +344,7 @@ def main(count: int, only: tuple[str, ...], out: Path) -> None:
     unknown = [each for each in only if each not in names]
     if unknown:
         raise click.UsageError(f"--only has {unknown[0]!r}; choose from {'; '.join(names)}")
-    rows = rows_of(count, out / "everywhere.csv.xz", only)
+    rows = drive_missing(out / "everywhere.csv.xz", FIELDS, parts(count, only))
     write_whole(out / "everywhere.md", page(rows).encode())
 
 

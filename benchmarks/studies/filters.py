@@ -5,16 +5,16 @@
 Policy, filter and family that are in docs/results/filters.csv are not driven again; the page is made from that file.
 """
 
-import csv
-import io
+import functools
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import click
 import gymnasium
 import numpy as np
+from kept_parts import drive_missing
 from numpy.typing import NDArray
 
 from wayfield.benchmarks.statistics.crossed import share_interval
@@ -88,8 +88,8 @@ class Counted:
 FILTERS = {"none": None, "Shield": Shield(), "Barrier": Barrier(), "guard": Guard()}
 
 
-def drive(policy: str, behind: str, family: str) -> Iterator[dict[str, Any]]:
-    """Yields a row a scene of the claims split."""
+def drive(policy: str, behind: str, family: str) -> list[tuple[Any, ...]]:
+    """Returns a row a scene of the claims split."""
     kwargs: dict[str, Any] = {"robot": ROBOT, "actuators": TIER, "num_beams": BEAMS, "max_episode_steps": STEPS}
     kwargs |= {"scenario": f"{family}/claims", "vectorization_mode": "vector_entry_point"}
     env: Any = gymnasium.make_vec("wayfield/DiffDriveGoalObstacles-v0", SCENES, **kwargs)
@@ -98,23 +98,18 @@ def drive(policy: str, behind: str, family: str) -> Iterator[dict[str, Any]]:
     pilot = Pilot(law, env)
     observation, _ = env.reset(seed=0, options={"scenario": np.arange(SCENES)})
     pilot.reset()
-    over, rows = np.zeros(SCENES, bool), list[dict[str, Any]]()
+    over, rows = np.zeros(SCENES, bool), list[tuple[Any, ...]]()
     while not over.all():
         observation, _, terminated, truncated, info = env.step(pilot.act(observation))
         for i in np.flatnonzero((terminated | truncated) & ~over).tolist():
             periods = round(info["time"].item(i) / env.task.options.dt)
             changed = counted.changed.item(i) / periods if len(counted.changed) else 0.0
             ends = (int(info["success"][i]), int(info["collision"][i]), f"{info['time'].item(i):.2f}")
-            rows.append(dict(zip(COLUMNS, (policy, behind, family, i, *ends, f"{changed:.4f}"), strict=True)))
+            rows.append((i, *ends, f"{changed:.4f}"))
         over |= terminated | truncated
         env.resting[:] = over
     env.close()
-    yield from sorted(rows, key=lambda row: row["scene"])
-
-
-def read(file: Path = TABLE) -> list[dict[str, str]]:
-    """Returns the rows that are kept."""
-    return list(csv.DictReader(io.StringIO(file.read_text("utf-8")))) if file.exists() else []
+    return sorted(rows)
 
 
 def numbers(rows: Sequence[Mapping[str, str]], policy: str, behind: str, group: str) -> dict[str, NDArray[np.float64]]:
@@ -208,22 +203,13 @@ def told(rows: Sequence[Mapping[str, str]]) -> list[str]:
 @click.option("--pages", is_flag=True, help="Only make the page anew.")
 def main(pages: bool) -> None:
     """Drives what is missing, and makes the page."""
-    rows: list[dict[str, Any]] = list(read())
-    there = {(row["policy"], row["filter"], row["family"]) for row in rows}
-    families = [each for group in GROUPS.values() for each in group]
-    every = list(itertools.product(POLICIES, FILTERS, families))
-    for each in [] if pages else every:
-        if each in there:
-            continue
-        rows += drive(*each)
-        rows.sort(key=lambda row: (every.index((row["policy"], row["filter"], row["family"])), int(row["scene"])))
-        text = io.StringIO()
-        writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
-        write_whole(TABLE, text.getvalue().encode())
-        print(*each, flush=True)
-    write_whole(PAGE, page(read()).encode())
+    every = list(itertools.product(POLICIES, FILTERS, itertools.chain(*GROUPS.values())))
+    parts = [(dict(zip(COLUMNS, each, strict=False)), functools.partial(drive, *each)) for each in every]
+    order = [part for part, _ in parts].index
+    rows = drive_missing(
+        TABLE, COLUMNS, parts, 0 if pages else None, lambda row: order({name: row[name] for name in COLUMNS[:3]})
+    )
+    write_whole(PAGE, page(rows).encode())
 
 
 if __name__ == "__main__":

@@ -16,9 +16,7 @@ changed since are to be taken away first:
     python benchmarks/studies/flocks.py --film docs/doorway.gif
 """
 
-import csv
 import functools
-import io
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -27,9 +25,9 @@ from typing import Any, NamedTuple
 import click
 import gymnasium
 import numpy as np
+from kept_parts import Part, Row, drive_missing, read, table, write
 from numpy.typing import NDArray
 from results_page import between, versus
-from tabulate import tabulate
 
 from wayfield import policies
 from wayfield.benchmarks.contests import ALL_CONTESTS, CROSS, PUBLIC_SPLIT, Contest, Course, Entrants
@@ -51,7 +49,6 @@ from wayfield.policies.training.curves import read_curve
 from wayfield.system.command_line import OneLineErrors
 from wayfield.system.storage import write_whole
 
-Row = Mapping[str, str]
 Array = NDArray[np.float64]
 
 ENV_ID, ROBOT, SPEED, CLOCK = "wayfield/OmniTeam-v0", "omni3", 0.6, 2400
@@ -161,37 +158,7 @@ def policy_of(entry: str) -> Any:
     return policies.make(name, **({"seed": int(seed)} if seed else policies.cruising(name, {}, SPEED)))
 
 
-def driven(
-    file: Path, fields: Sequence[str], parts: Iterable[tuple[Row, Callable[[], Iterable[Sequence[Any]]]]]
-) -> None:
-    """Drives what a file of rows lacks, and writes it after each part.
-
-    Args:
-        parts: of each the first fields, by which its rows are known, and what returns the others, row by row.
-    """
-    rows = read(file)
-    for known, drives in parts:
-        if any(known.items() <= row.items() for row in rows):
-            continue
-        for world, cells in enumerate(drives()):
-            given = iter(map(str, cells))
-            rows.append({name: known.get(name) or (str(world) if name == "world" else next(given)) for name in fields})
-        text = io.StringIO()
-        writer = csv.DictWriter(text, fields, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
-        write_whole(file, text.getvalue().encode())
-        click.echo(", ".join(known.values()), err=True)
-
-
-def read(file: Path) -> list[dict[str, str]]:
-    """Returns the rows of a file; none where it is not there."""
-    return list(csv.DictReader(io.StringIO(file.read_text()))) if file.exists() else []
-
-
-def team_parts(
-    names: Sequence[str], families: Sequence[str], worlds: int, large: int
-) -> Iterator[tuple[Row, Callable[[], Iterable[Sequence[Any]]]]]:
+def team_parts(names: Sequence[str], families: Sequence[str], worlds: int, large: int) -> Iterator[Part]:
     """Yields the parts of the teams: an entry in a family."""
     for family in families:
         count = large if TEAM_FAMILIES[family].team > LARGE else worlds
@@ -230,7 +197,7 @@ def cases(
             yield f"{case.policy}{of_law}{seed}", case.beside, functools.partial(_rows_of, setting)
 
 
-def people_parts(names: Sequence[str], worlds: int) -> Iterator[tuple[Row, Callable[[], Iterable[Sequence[Any]]]]]:
+def people_parts(names: Sequence[str], worlds: int) -> Iterator[Part]:
     """Yields the parts among people: an entry in a family of a contest."""
     for label, contest in PEOPLE_CONTESTS.items():
         courses, count = [Course(each, "claims") for each in PEOPLE_FAMILIES], worlds
@@ -249,7 +216,7 @@ def people_parts(names: Sequence[str], worlds: int) -> Iterator[tuple[Row, Calla
                 yield {"contest": label, "family": course.family, "policy": entry}, drives
 
 
-def cross_parts(names: Sequence[str], worlds: int) -> Iterator[tuple[Row, Callable[[], Iterable[Sequence[Any]]]]]:
+def cross_parts(names: Sequence[str], worlds: int) -> Iterator[Part]:
     """Yields the parts of the cross-play: an entry beside another in a family; and each alone."""
     for family in CROSS_FAMILIES:
         course = Course(family, "claims")
@@ -422,11 +389,6 @@ def collisions(rows: Iterable[Row], name: str) -> str:
     """Returns in how many worlds somebody touched something, in per cent, as `share`."""
     struck = [{**row, "collision": str(int(float(row.get("collision") or row["touched"]) > 0.0))} for row in rows]
     return share(struck, name, "collision")
-
-
-def table(lines: Sequence[Sequence[str]], header: Sequence[str]) -> str:
-    """Returns a table of text."""
-    return str(tabulate(lines, list(header), tablefmt="github", disable_numparse=True))
 
 
 def complete(rows: Sequence[Row], names: Sequence[str]) -> list[Row]:
@@ -681,10 +643,10 @@ def rival(rows: Sequence[Row], agents: Sequence[str], laws: Sequence[str], metri
     return agent, law, complete(rows, (agent, law))
 
 
-Part = tuple[str, Sequence[str], Sequence[str], str, Sequence[Row]]  # where, agents, laws, metric, rows
+FrontPart = tuple[str, Sequence[str], Sequence[str], str, Sequence[Row]]  # where, agents, laws, metric, rows
 
 
-def front_parts(teams: Sequence[Row], people: Sequence[Row]) -> Iterator[Part]:
+def front_parts(teams: Sequence[Row], people: Sequence[Row]) -> Iterator[FrontPart]:
     """Yields what the page compares first: the best of some agents beside the best of some laws."""
     small = [row for row in independent(teams) if TEAM_FAMILIES[row["family"]].team <= TESTED]
     agents = tuple(agent for agent in RIVALS if agent in LEAST_ACCESS)
@@ -986,17 +948,13 @@ def main(
         if unknown:
             raise click.UsageError(f"--policies has {unknown[0]!r}; choose from {', '.join(of_part[part])}")
         if part == "teams":
-            driven(out / FILES[part], TEAM_FIELDS, team_parts(asked, chosen, worlds, large))
+            drive_missing(out / FILES[part], TEAM_FIELDS, team_parts(asked, chosen, worlds, large))
         elif part == "people":
-            driven(out / FILES[part], PEOPLE_FIELDS, people_parts(asked, worlds))
+            drive_missing(out / FILES[part], PEOPLE_FIELDS, people_parts(asked, worlds))
         else:
-            driven(out / FILES[part], CROSS_FIELDS, cross_parts(asked, worlds))
+            drive_missing(out / FILES[part], CROSS_FIELDS, cross_parts(asked, worlds))
     if curves:
-        text = io.StringIO()
-        writer = csv.DictWriter(text, CURVE_FIELDS, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(curve_rows(curves))
-        write_whole(out / FILES["curves"], text.getvalue().encode())
+        write(out / FILES["curves"], CURVE_FIELDS, curve_rows(curves))
     if reel is not None:
         write_whole(reel, film())
     rows, text_of_page = page_of(out)

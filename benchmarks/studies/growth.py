@@ -4,7 +4,6 @@ Writes docs/growth.csv and draws docs/growth.png from it; with --drawn the figur
 round after round, so that a machine that slows down slows all of them; the median of the rounds counts.
 """
 
-import csv
 import io
 import json
 import tempfile
@@ -15,6 +14,7 @@ from typing import Any
 import click
 import numba
 import numpy as np
+from kept_parts import read, write
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, LogLocator, NullLocator
@@ -26,6 +26,7 @@ from wayfield.system.command_line import OneLineErrors
 from wayfield.system.storage import write_whole
 
 DOCS = Path(__file__).parents[2] / "docs"
+FIELDS = ("grows", "environment", "size", "robots", "steps_per_second")
 TEAM = "wayfield/DiffDriveTeam-v0"
 PANELS = {  # what grows, and the environments that it grows in
     "robots": ("path following", "goal reaching, 32 beams"),
@@ -119,13 +120,12 @@ def main(rounds: int, seconds: float, drawn: bool) -> None:
         with tempfile.TemporaryDirectory() as folder:
             chosen = list(contenders(Path(folder)))
         rates = measured([each for *_, each in chosen], rounds, seconds)
-        text = io.StringIO()
-        lines = csv.writer(text, lineterminator="\n")
-        lines.writerow(["grows", "environment", "size", "robots", "steps_per_second"])
-        for (panel, name, size, each), (_, rate) in zip(chosen, rates, strict=True):
-            lines.writerow([panel, name, size, each.robots, f"{rate:.4g}"])
-        write_whole(table, text.getvalue().encode())
-    write_whole(DOCS / "growth.png", figure(list(csv.DictReader(table.read_text("utf-8").splitlines()))))
+        lines = [
+            dict(zip(FIELDS, (panel, name, size, each.robots, f"{rate:.4g}"), strict=True))
+            for (panel, name, size, each), (_, rate) in zip(chosen, rates, strict=True)
+        ]
+        write(table, FIELDS, lines)
+    write_whole(DOCS / "growth.png", figure(read(table)))
 
 
 if __name__ == "__main__":

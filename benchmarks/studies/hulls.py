@@ -5,19 +5,16 @@
 A cell that is in docs/results/hulls.csv.xz is not driven again; the page is made from that file and hulls.json.
 """
 
-import csv
 import dataclasses
-import io
+import functools
 import json
-import lzma
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
-from everywhere import read_rows
-from tabulate import tabulate
+from kept_parts import drive_missing, table
 
 from wayfield.benchmarks.contests import CONTESTS, Contest, Entrants
 from wayfield.benchmarks.runs.suite import Setting, episodes
@@ -88,8 +85,8 @@ def scenes(hull: float) -> dict[str, dict[str, Any]]:
     return found
 
 
-def drive(robot: Robot, kind: str, policy: str) -> list[dict[str, str]]:
-    """Returns a row for each scene of a cell: default gains, lagged actuators, the first scenes of the claims split."""
+def drive(robot: Robot, kind: str, policy: str) -> list[tuple[str, ...]]:
+    """Returns the rows of a cell, a scene each: default gains, lagged actuators, the first of the claims split."""
     contest, families, rows = KINDS[kind].contest, KINDS[kind].families, []
     count = -(-COUNT // len(families))
     for family in families:
@@ -97,9 +94,7 @@ def drive(robot: Robot, kind: str, policy: str) -> list[dict[str, str]]:
         case = next(contest.cases(robot, course, Entrants((policy,), ("default",))))
         driven = episodes(Setting("hulls", case, "kinematic", "lagged", 0, count, members=course.members))
         for k, (row, _) in enumerate(driven):
-            cells = row["success"], row["collision"], row["time"]
-            told = (robot.name, kind, family, str(k), policy, *(f"{each:.4g}" for each in cells))
-            rows.append(dict(zip(FIELDS, told, strict=True)))
+            rows.append((family, str(k), *(f"{row[name]:.4g}" for name in FIELDS[5:])))
     return rows
 
 
@@ -125,7 +120,7 @@ def results(rows: Sequence[dict[str, str]], kind: str) -> str:
                 time = f"{np.mean(won):.1f}" if won else ""
                 lines.append((f"{hull:.2f}", f"`{name}`", f"`{policy}`", len(mine), *cells, time))
     header = ("class (m)", "base", "policy", "scenes", "success (%)", "collisions (%)", "time (s)")
-    return str(tabulate(lines, header, tablefmt="github", disable_numparse=True))
+    return table(lines, header)
 
 
 def feasibility(found: dict[str, Any]) -> str:
@@ -136,7 +131,7 @@ def feasibility(found: dict[str, Any]) -> str:
         for task, told in tasks.items()
     ]
     header = ("class (m)", "task", "test scenes", "with a proven path", "scenes of the 0.3 m split", "SHA-256 begins")
-    return str(tabulate(lines, header, tablefmt="github", disable_numparse=True))
+    return table(lines, header)
 
 
 PROSE = """# Hulls of 0.3 to 0.7 m
@@ -172,21 +167,15 @@ def page(rows: Sequence[dict[str, str]], found: dict[str, Any]) -> str:
 @click.option("--cells", "most", type=click.IntRange(0), help="Drive at most so many cells.  [default: all]")
 def main(most: int | None) -> None:
     """Drives what is missing, and writes the page."""
-    rows = read_rows(ROWS) if ROWS.exists() else []
     found = json.loads(SCENES.read_text(encoding="utf-8")) if SCENES.exists() else {}
-    done = {(row["robot"], row["kind"], row["policy"]) for row in rows}
     cells = [(name, kind, policy) for kind in KINDS for policy in KINDS[kind].policies for name in BASES]
     cells.sort(key=lambda cell: FIRST.index(cell[2]))  # stable: where time is short, the quick ones are done
-    missing = [each for each in cells if each not in done]
-    for name, kind, policy in missing[:most]:
-        click.echo(f"{name}, {kind}: {policy}", err=True)
-        rows += drive(BASES[name], kind, policy)
-        rows.sort(key=lambda row: (list(BASES).index(row["robot"]), list(KINDS).index(row["kind"])))
-        text = io.StringIO()
-        writer = csv.DictWriter(text, FIELDS, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
-        write_whole(ROWS, lzma.compress(text.getvalue().encode()))
+    parts = [
+        ({"robot": name, "kind": kind, "policy": policy}, functools.partial(drive, BASES[name], kind, policy))
+        for name, kind, policy in cells
+    ]
+    order = [*BASES, *KINDS].index
+    rows = drive_missing(ROWS, FIELDS, parts, most, lambda row: (order(row["robot"]), order(row["kind"])))
     for hull in [each for each in CLASSES if most != 0 and f"{each:.2f}" not in found]:
         found[f"{hull:.2f}"] = scenes(hull)
         write_whole(SCENES, (json.dumps(found, indent=1) + "\n").encode())

@@ -5,7 +5,6 @@
 A run that is in docs/results/learning.csv is not made again; page and figure are made from that file.
 """
 
-import csv
 import io
 import itertools
 import multiprocessing
@@ -19,6 +18,7 @@ import click
 import gymnasium
 import numpy as np
 import torch
+from kept_parts import read, write
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 from stable_baselines3 import PPO, SAC, TD3
@@ -161,11 +161,6 @@ def law_rows(task: str) -> Iterator[dict[str, Any]]:
         yield row_of(task, law, "", 0, made)
 
 
-def read(file: Path) -> list[dict[str, str]]:
-    """Returns the rows that are kept."""
-    return list(csv.DictReader(io.StringIO(file.read_text("utf-8")))) if file.exists() else []
-
-
 def curve(rows: Sequence[Mapping[str, Any]], task: str, name: str) -> tuple[np.ndarray, np.ndarray]:
     """Returns the steps (k,) and the shares of success (seeds, k) of a learner."""
     mine = [row for row in rows if (row["task"], row["learner"]) == (task, name)]
@@ -264,11 +259,7 @@ def main(workers: int, pages: bool) -> None:
         for done in as_completed([executor.submit(run, *each) for each in missing]):
             rows += done.result()
             rows.sort(key=lambda row: (row["task"], row["learner"], str(row["seed"]), int(row["steps"])))
-            text = io.StringIO()
-            writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(rows)
-            write_whole(TABLE, text.getvalue().encode())
+            write(TABLE, COLUMNS, rows)
             print(*done.result()[-1].values(), file=sys.stderr, flush=True)
     rows = list(read(TABLE))
     write_whole(FIGURE, figure(rows))

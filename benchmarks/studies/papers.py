@@ -13,6 +13,7 @@ from pathlib import Path
 
 import click
 import flocks
+import kept_parts
 import sections
 from kept_rows import SUFFIX, read_packed
 
@@ -104,14 +105,14 @@ def rows_of(claim: Claim, root: Path) -> list[dict[str, str]]:
         return list(of_page(claim, read_packed(root / sections.ROWS / f"{PACKED[claim.name]}{SUFFIX}")))
     if claim.contest == "teams":
         rows = []
-        for row in flocks.independent(flocks.read(root / KEPT / "flocks.csv")):
+        for row in flocks.independent(kept_parts.read(root / KEPT / "flocks.csv")):
             family = row["family"]
             if flocks.is_of("open", family) and TEAM_FAMILIES[family].team <= flocks.TESTED:
                 turned = family.startswith(flocks.TURNED)  # one stratum, a size a scene
                 rows.append({**row, "family": flocks.TURNED, "world": family} if turned else row)
         return list(of_flocks(claim, rows, "solved", "extra_time"))
     if claim.name == "crowdnav":
-        people = flocks.read(root / KEPT / "flocks_people.csv")
+        people = kept_parts.read(root / KEPT / "flocks_people.csv")
         return list(of_flocks(claim, [row for row in people if row["contest"] == "crowdnav"], "success", "time"))
     return [row for row in read(root) if row["claim"] == claim.name]
 

@@ -11,16 +11,16 @@ and the page is made of them; parts that are there are not driven again, so that
 import functools
 import itertools
 import statistics
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import click
 import numpy as np
 from domain import DOMAIN, PLAIN, PLANTS
-from flocks import Row, driven, leaning, read
+from flocks import leaning
+from kept_parts import Part, Row, drive_missing, read, table
 from sim_to_sim import CHAIN, NUMBERS
-from tabulate import tabulate
 
 from wayfield.benchmarks.contests import ALL_CONTESTS, Course, Entrants
 from wayfield.benchmarks.contests.path_following import TRACKING
@@ -96,7 +96,7 @@ def drive(verdict: Verdict, case: Case, plant: str, block: int) -> list[tuple[An
     ]
 
 
-def parts(plants: Sequence[str], blocks: int) -> Iterator[tuple[Row, Callable[[], Iterable[Sequence[Any]]]]]:
+def parts(plants: Sequence[str], blocks: int) -> Iterator[Part]:
     """Yields the parts so that plants and verdicts grow together: first families first, then the next block."""
     most = max(len(verdict.families) for verdict in VERDICTS)
     for block, k, verdict in itertools.product(range(blocks), range(most), VERDICTS):
@@ -109,7 +109,7 @@ def parts(plants: Sequence[str], blocks: int) -> Iterator[tuple[Row, Callable[[]
                 yield known | {"policy": entry}, functools.partial(drive, verdict, case, plant, block)
 
 
-def paper_parts(plants: Sequence[str]) -> Iterator[tuple[Row, Callable[[], Iterable[Sequence[Any]]]]]:
+def paper_parts(plants: Sequence[str]) -> Iterator[Part]:
     """Yields the reference papers' controllers: outcome, and the figures that their equations or tables give."""
     for case in documents():
         theirs = case.reference
@@ -235,9 +235,7 @@ def page(rows: Sequence[Row], papers: Sequence[Row], chain: Sequence[Row], train
             continue
         text += ["", f"## {verdict.where[0].upper()}{verdict.where[1:]}", "", f"`{verdict.controller}` vs. PPO.", ""]
         shown = [_shown(each, said[verdict.where, each.plant]) for each in mine]
-        text += [
-            tabulate(shown, ("plant", "value", "difference", "scenes", "outcome"), "github", disable_numparse=True)
-        ]
+        text += [table(shown, ("plant", "value", "difference", "scenes", "outcome"))]
         text += ["", _moved(rows, verdict)]
     return "\n".join([*text, *_paper_lines(papers), *_chain_lines(chain), *_domain_lines(trained), ""])
 
@@ -275,7 +273,7 @@ def _paper_lines(papers: Sequence[Row]) -> list[str]:
     """Returns the section of the reference papers: their figures beside ours on each plant."""
     if not papers:
         return []
-    table = []
+    lines = []
     for case in documents():
         theirs = case.reference
         name = f"{case.policy} {case.gains_text}".strip()
@@ -289,7 +287,7 @@ def _paper_lines(papers: Sequence[Row]) -> list[str]:
                 continue
             low = statistics.fmean(figure) if isinstance(figure, tuple) else figure
             ours = [f"{float(mine[plant]):.4g}" if plant in mine else "" for plant in IN_PROCESS]
-            table.append([case.contest, case.family, name, metric.replace("_", " "), f"{low:.4g}", *ours])
+            lines.append([case.contest, case.family, name, metric.replace("_", " "), f"{low:.4g}", *ours])
     header = ("paper", "experiment", "controller", "figure (SI)", "equations", *IN_PROCESS)
     return [
         "",
@@ -301,7 +299,7 @@ def _paper_lines(papers: Sequence[Row]) -> list[str]:
         "traction does not reach for what B and C ask for, pymunk and MuJoCo depart from the equations together: the "
         "law of our tyres is that of an engine that we did not write.",
         "",
-        tabulate(table, header, "github", disable_numparse=True),
+        table(lines, header),
     ]
 
 
@@ -309,7 +307,7 @@ def _chain_lines(chain: Sequence[Row]) -> list[str]:
     """Returns the section of identification: how far a sheet drives from the base in MuJoCo, before and after."""
     if not chain:
         return []
-    table = []
+    lines = []
     for name in dict.fromkeys(row["robot"] for row in chain):
         for sheet in ("own", "identified"):
             mine = [row for row in chain if (row["robot"], row["sheet"]) == (name, sheet)]
@@ -318,7 +316,7 @@ def _chain_lines(chain: Sequence[Row]) -> list[str]:
             turned = " ".join(f"{np.degrees(each):.0f}" for each in of["turned_apart"])
             speed, yaw_rate = (statistics.fmean(of[each]) for each in NUMBERS[3:])
             cells = [f"{statistics.fmean(of['metres']):.0f}", apart, turned, f"{1000 * speed:.1f}", f"{yaw_rate:.3f}"]
-            table.append([name, sheet, *cells])
+            lines.append([name, sheet, *cells])
     header = ("robot", "sheet", "way (m)", "apart (m)", "apart (deg)", "speed error (mm/s)", "yaw rate error (rad/s)")
     return [
         "",
@@ -329,7 +327,7 @@ def _chain_lines(chain: Sequence[Row]) -> list[str]:
         f"plants then get the same random commands for 60 s, open loop, {len(mine)} drives: how far they end apart, "
         "and the RMS error of speeds.",
         "",
-        tabulate(table, header, "github", disable_numparse=True),
+        table(lines, header),
         "",
         "Identification takes the scrub of two wheels into the gain of the yaw rate, and sheet and base come closer. "
         "It makes a skid steer worse: how much four wheels slip depends on speed and turn, and no number of a data "
@@ -341,7 +339,7 @@ def _domain_lines(trained: Sequence[Row]) -> list[str]:
     """Returns the section of agents that were trained with and without the imperfections of the base in MuJoCo."""
     if not trained:
         return []
-    table, told = [], []
+    lines, told = [], []
     for name, plant in itertools.product(dict.fromkeys(row["training"] for row in trained), PLANTS):
         mine = [row for row in trained if (row["training"], row["plant"]) == (name, plant)]
         shares, errors, speeds = ([float(row[each]) for row in mine] for each in ("success", "error", "speed"))
@@ -349,7 +347,7 @@ def _domain_lines(trained: Sequence[Row]) -> list[str]:
             " ".join(f"{100.0 * each:.1f}" for each in shares),
             " ".join(f"{1000.0 * each:.1f}" for each in errors),
         ]
-        table.append([name, plant, *cells, f"{statistics.fmean(speeds):.2f}"])
+        lines.append([name, plant, *cells, f"{statistics.fmean(speeds):.2f}"])
         if plant == PLANTS[-1]:
             told.append(
                 f"{1000.0 * statistics.fmean(errors):.1f} mm and {100.0 * statistics.fmean(shares):.1f} % ({name})"
@@ -364,7 +362,7 @@ def _domain_lines(trained: Sequence[Row]) -> list[str]:
         "errors or a delay of 0.05 or 0.1 s. It then drives all test paths. An error is the RMS cross-track error; a "
         "path that is not completed counts as 1 m.",
         "",
-        tabulate(table, header, "github", disable_numparse=True),
+        table(lines, header),
         "",
         f"Means of the seeds in MuJoCo: {'; '.join(told)}.",
     ]
@@ -377,8 +375,8 @@ def _domain_lines(trained: Sequence[Row]) -> list[str]:
 def main(drives: bool, blocks: int, plants: str) -> None:
     """Makes the page of verdicts on three plants from its rows."""
     if drives:
-        driven(PAPERS, PAPER_FIELDS, paper_parts(plants.split(",")))
-        driven(TABLE, FIELDS, parts(plants.split(","), blocks))
+        drive_missing(PAPERS, PAPER_FIELDS, paper_parts(plants.split(",")))
+        drive_missing(TABLE, FIELDS, parts(plants.split(","), blocks))
     write_whole(PAGE, page(read(TABLE), read(PAPERS), read(CHAIN), read(DOMAIN)).encode())
 
 

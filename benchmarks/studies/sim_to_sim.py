@@ -19,8 +19,8 @@ from typing import Any
 
 import click
 import numpy as np
-from flocks import driven
 from identification import joystick
+from kept_parts import drive_missing
 from numpy.typing import NDArray
 
 from wayfield.bridges.ros.body import Body
@@ -128,7 +128,7 @@ def rows_of(name: str) -> list[tuple[Any, ...]]:
 @click.option("--bases", default=",".join(BASES), show_default=True)
 def main(bases: str) -> None:
     """Drives the chain of each base that is not in the rows."""
-    driven(CHAIN, FIELDS, (({"robot": name}, functools.partial(rows_of, name)) for name in bases.split(",")))
+    drive_missing(CHAIN, FIELDS, (({"robot": name}, functools.partial(rows_of, name)) for name in bases.split(",")))
 
 
 if __name__ == "__main__":

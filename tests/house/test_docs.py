@@ -10,6 +10,7 @@ import filters
 import flocks
 import front_page
 import interval_coverage
+import kept_parts
 import publish
 import pytest
 import results_page
@@ -107,12 +108,12 @@ def test_page_and_readme_are_what_the_kept_tables_make() -> None:
 
 
 def test_the_page_of_the_filters_is_what_its_rows_make() -> None:
-    rows = filters.read(ROOT / filters.TABLE)
+    rows = kept_parts.read(ROOT / filters.TABLE)
     assert (ROOT / filters.PAGE).read_text(encoding="utf-8") == filters.page(rows)
 
 
 def test_the_page_of_the_driver_for_every_robot_is_what_its_rows_make() -> None:
-    rows = everywhere.read_rows(ROOT / sections.KEPT / "everywhere.csv.xz")
+    rows = kept_parts.read(ROOT / sections.KEPT / "everywhere.csv.xz")
     assert (ROOT / sections.KEPT / "everywhere.md").read_text(encoding="utf-8") == everywhere.page(rows)
     kept = everywhere.Kept(rows)
 
