@@ -19,7 +19,7 @@ from wayfield.system.sharing import PART
 from wayfield.system.threads import thread_pool
 
 # The arrays that hold all that decides what comes next, but for the generators and the plant.
-STATE_ARRAYS = ("states", "obstacles", "columns", "skip", "noise", "asked")
+STATE_ARRAYS = ("states", "obstacles", "columns", "skip", "noise", "delayed")
 
 # Rows of noise drawn at once for a robot: large enough that drawing is cheap, small enough to stay in the cache.
 NOISE_BLOCK = 64
@@ -92,7 +92,7 @@ class Batch:
         self.noise = np.zeros((num_envs, rows, columns))
         # a drawn shove takes a time and a direction
         self.draws = 1 + task.draws + (2 if disturbance.shove > 0.0 else 0)
-        self.asked = np.zeros((disturbance.action_delay, num_envs, *self.action_shape))  # oldest first
+        self.delayed = np.zeros((disturbance.action_delay, num_envs, *self.action_shape))  # oldest first
         self.own: Any = task.own_arrays(num_envs)
         self._constraints = task.constraints if task.options.constraints else ()
         self._inputs = (
@@ -245,7 +245,7 @@ class Batch:
         `scenarios` (num_envs,) takes the place of the draw of the scenario, where it is no -1; all else is drawn as
         without it.
         """
-        self.asked[:, rows] = 0.0
+        self.delayed[:, rows] = 0.0
         self.columns[rows, self.actions.shape[1] :] = 0.0
         draws = np.empty((len(rows), self.draws))
         for j, i in enumerate(rows.tolist()):
@@ -288,7 +288,7 @@ class Batch:
             ValueError: if an action is not finite; nothing has moved then.
         """
         before = (self.actions.copy(), self._commands()) if self._constraints else None
-        if len(self.asked):
+        if len(self.delayed):
             self._delay_actions()
         if self.noisy:
             # not for a robot that is about to be reset: its reset draws a block of its own
@@ -309,10 +309,10 @@ class Batch:
         return np.stack([self.states[name] for name in ("command_vx", "command_vy", "command_yaw_rate")], axis=1)
 
     def _tell_constraints(
-        self, rows: NDArray[np.int64], asked: NDArray[np.float64], commands: NDArray[np.float64], results: Results
+        self, rows: NDArray[np.int64], actions: NDArray[np.float64], commands: NDArray[np.float64], results: Results
     ) -> None:
         """Writes the values of the constraints of some rows, whose requests and commands before were these."""
-        found = constraints.evaluate(self._constraints, asked[rows], commands[rows], self.states[rows])
+        found = constraints.evaluate(self._constraints, actions[rows], commands[rows], self.states[rows])
         results.constraints[rows], results.violated[rows] = found
 
     def _shared_out(self, phases: int, results: Results, meanwhile: Callable[[], None] | None = None) -> None:
@@ -334,9 +334,9 @@ class Batch:
     def _delay_actions(self) -> None:
         """Replaces the newest actions by those of some steps ago."""
         self._check_finite()
-        late = self.asked[0].copy()
-        self.asked[:-1] = self.asked[1:]
-        self.asked[-1] = self.actions
+        late = self.delayed[0].copy()
+        self.delayed[:-1] = self.delayed[1:]
+        self.delayed[-1] = self.actions
         self.actions[:] = late
 
     def _check_finite(self) -> None:

@@ -48,6 +48,9 @@ def _dicts(infos: Mapping[str, NDArray[Any]], rows: Any = slice(None)) -> list[d
     return [dict(zip(infos, row, strict=True)) for row in zip(*columns, strict=True)]
 
 
+_SAVED_AS = {"delayed": "asked"}  # arrays that states of trainings have by another name
+
+
 def _taken(name: str, arrays: Mapping[str, NDArray[Any]], there: NDArray[Any]) -> NDArray[Any]:
     """Returns an array of a name like one that is there, from its bytes; ValueError if they are too many or too few."""
     content = arrays[name].tobytes()
@@ -261,12 +264,12 @@ class NativeVecEnv(VecEnv):
 
     # ---- all that decides what comes next, as plain arrays and numbers
 
-    ARRAYS = ("states", "obstacles", "noise", "asked", "columns")
+    ARRAYS = ("states", "obstacles", "noise", "delayed", "columns")
 
     def arrays(self) -> dict[str, NDArray[np.uint8]]:
         """Returns the bytes of all robots' states."""
         return {
-            f"world_{k}.{name}": np.frombuffer(getattr(part.batch, name).tobytes(), np.uint8)
+            f"world_{k}.{_SAVED_AS.get(name, name)}": np.frombuffer(getattr(part.batch, name).tobytes(), np.uint8)
             for k, part in enumerate(self.parts)
             for name in self.ARRAYS
         } | {
@@ -287,7 +290,10 @@ class NativeVecEnv(VecEnv):
         """
         remaining = iter(generators)
         for k, part in enumerate(self.parts):
-            saved = {name: _taken(f"world_{k}.{name}", arrays, getattr(part.batch, name)) for name in self.ARRAYS}
+            saved = {
+                name: _taken(f"world_{k}.{_SAVED_AS.get(name, name)}", arrays, getattr(part.batch, name))
+                for name in self.ARRAYS
+            }
             own = tuple(_taken(f"world_{k}.own_{j}", arrays, each) for j, each in enumerate(part.batch.own))
             # makes the generators, and all that a scenario decides
             part.reset(seed=0, options={"scenario": part.task.scenario_of(saved["states"])})

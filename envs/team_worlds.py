@@ -621,7 +621,7 @@ class Teams(GoalReaching):
     param_fields = PARAMS
 
     def __init__(self, arguments: TeamArguments, options: Options) -> None:
-        self._asked = dataclasses.replace(arguments, scenario=None)  # the bank keeps those that were given
+        self._arguments = dataclasses.replace(arguments, scenario=None)  # the bank keeps those that were given
         self.ends, self.parks = arguments.ends, arguments.parks
         self._set = {
             "sight": float(arguments.sight),
@@ -682,8 +682,8 @@ class Teams(GoalReaching):
             found = tuple(TeamScenario(each.name, (each,), tier=each.tier, family=each.family) for each in goals)
         if not found:
             raise ValueError("scenario must be a name or at least one TeamScenario, got none")
-        team = self._asked.team or found[0].team
-        return tuple(each.of(team).walked(self._asked.visible, self._asked.people) for each in found)
+        team = self._arguments.team or found[0].team
+        return tuple(each.of(team).walked(self._arguments.visible, self._arguments.people) for each in found)
 
     def _families(self) -> list[str]:
         return [name for spec in CROWDS.values() for name in (*spec.presets, *spec.families)]
@@ -741,7 +741,7 @@ class Teams(GoalReaching):
 
     def observed(self, num_beams: int, max_range: float) -> Layout[Any]:
         """Returns the layout of what a robot observes."""
-        kind = Observation if self._asked.sees == "bodies" else goal_reaching.Observation
+        kind = Observation if self._arguments.sees == "bodies" else goal_reaching.Observation
         return kind.layout(len(self.robot.twist_axes), num_beams, max_range, self.belongs_to)
 
     def own_arrays(self, num_envs: int) -> Company:

@@ -101,7 +101,7 @@ class Pilot:
             self._env = briefing or self._env
         elif briefing is not None:
             raise TypeError("briefing is given, but the environment makes its own; leave it out")
-        briefing = self._told(self.policy.knows)
+        briefing = self._briefed(self.policy.knows)
         if self._predicts:
             briefing = self._compensated(briefing, rows)
         if rows is None:
@@ -127,7 +127,7 @@ class Pilot:
         Raises:
             RuntimeError: before the first `reset`.
         """
-        actions = _contained(self._asked(observation), self._most)
+        actions = _contained(self._requested(observation), self._most)
         self._note(actions)
         return actions
 
@@ -141,7 +141,7 @@ class Pilot:
         Raises:
             RuntimeError: before the first `reset`.
         """
-        actions = self._asked(observation)
+        actions = self._requested(observation)
         self._note(actions)
         return actions
 
@@ -164,7 +164,7 @@ class Pilot:
         for name, each in retained.items():
             each[...] = np.frombuffer(arrays[name].tobytes(), each.dtype).reshape(each.shape)
 
-    def _asked(self, observation: NDArray[Any]) -> Array:
+    def _requested(self, observation: NDArray[Any]) -> Array:
         if not self._started:
             raise RuntimeError("call the pilot's reset after the environment's, before it acts")
         if isinstance(observation, tuple | dict):
@@ -182,7 +182,7 @@ class Pilot:
             twists = self.briefing.robot.wheel_speeds_from_twist(twists)
         return twists.reshape(self._shape)
 
-    def _told(self, knows: str) -> Briefing:
+    def _briefed(self, knows: str) -> Briefing:
         """Returns what one who declares `knows` is told of the episodes now starting."""
         if isinstance(self._env, Briefing):
             return self._env.restricted(knows)
@@ -200,13 +200,13 @@ class Pilot:
 
     def _compensated(self, briefing: Briefing, rows: NDArray[Any] | None) -> Briefing:
         """Returns the briefing of a base without its delay; what was sent in the rows is forgotten."""
-        told = briefing if briefing.position_tolerance is not None else self._told("path")
+        privileged = briefing if briefing.position_tolerance is not None else self._briefed("path")
         if self._ahead is None:
             task = getattr(self._env, "task", None)
             spacing = getattr(getattr(task, "task_params", None), "preview_spacing", 0.0)
-            self._ahead = ForwardPrediction(told, spacing)
+            self._ahead = ForwardPrediction(privileged, spacing)
         else:
-            self._ahead.episodes = told if rows is None else self._ahead.episodes.with_rows(told, rows)
+            self._ahead.episodes = privileged if rows is None else self._ahead.episodes.with_rows(privileged, rows)
         self._ahead.reset(slice(None) if rows is None else rows)
         return dataclasses.replace(briefing, actuators=undelayed(briefing.actuators))
 

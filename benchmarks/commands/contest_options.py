@@ -271,8 +271,8 @@ class Options:
         Raises:
             WrongOption: if a policy of the user's own can take part in none of the contests.
         """
-        asked = set(contest.policies).difference(contest.on_request) if self.policies is None else self.policies
-        names = tuple(name for name in contest.policies if name in asked)
+        names_given = set(contest.policies).difference(contest.on_request) if self.policies is None else self.policies
+        names = tuple(name for name in contest.policies if name in names_given)
         own = tuple(each for each, where in zip(self.entering, self._places, strict=True) if contest.name in where)
         return Entrants(names, gains_names or self.gains_names, self.homes, own)
 

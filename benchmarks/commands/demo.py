@@ -154,10 +154,10 @@ def site() -> str:
 
 def preview(address: str) -> str:
     """Returns the tags by which a link to the page is shown elsewhere, with a picture where the site is published."""
-    told = {"title": TITLE, "description": ABOUT, "type": "website"}
+    tags_of = {"title": TITLE, "description": ABOUT, "type": "website"}
     if address:
-        told |= {"url": f"{address}/demo.html", "image": f"{address}/demo.png"}
-    tags = [f'<meta property="og:{name}" content="{html.escape(each)}">' for name, each in told.items()]
+        tags_of |= {"url": f"{address}/demo.html", "image": f"{address}/demo.png"}
+    tags = [f'<meta property="og:{name}" content="{html.escape(each)}">' for name, each in tags_of.items()]
     return "\n".join([f'<meta name="description" content="{html.escape(ABOUT)}">', *tags])
 
 

@@ -461,10 +461,10 @@ def _with_agents(options: Options, contests: Sequence[Contest]) -> tuple[str, ..
     """
     if options.names is None or (options.homes and "ppo" in options.names):  # the agents there are its own
         return options.names
-    kept, left_out = with_agents(contests, options.names, options.robot or ROBOTS["p3dx"], bool(options.own))
+    names, left_out = with_agents(contests, options.names, options.robot or ROBOTS["p3dx"], bool(options.own))
     for line in left_out:
         say(f"evaluate: {line}", err=True)
-    return kept
+    return names
 
 
 def _tell(

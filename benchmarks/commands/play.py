@@ -59,12 +59,12 @@ class Hands:
 
     def act(self, observation: Any, briefing: Briefing, memory: NDArray[Any]) -> NDArray[np.float64]:
         """Returns the twists (b, t): opposite keys cancel, and a diagonal is no faster than a straight line."""
-        asked = np.zeros(3)
+        stick = np.zeros(3)
         for key in self.held:
             axis, sign = KEYS[briefing.robot.holonomic].get(key, (_AHEAD, 0.0))
-            asked[axis] = np.clip(asked[axis] + sign, -1.0, 1.0)
-        planar = self.speed * asked[[_AHEAD, _ASIDE]] / max(1.0, math.hypot(asked[_AHEAD], asked[_ASIDE]))
-        twist = np.array([*planar, self.yaw_rate * asked[_LEFT]])
+            stick[axis] = np.clip(stick[axis] + sign, -1.0, 1.0)
+        planar = self.speed * stick[[_AHEAD, _ASIDE]] / max(1.0, math.hypot(stick[_AHEAD], stick[_ASIDE]))
+        twist = np.array([*planar, self.yaw_rate * stick[_LEFT]])
         return np.tile(twist[list(briefing.robot.twist_axes)], (briefing.num_envs, 1))
 
 
@@ -136,18 +136,18 @@ class Game:
             return ""
         for drive in self.drives:
             drive.step()
-        return self.told() if self.mine.ended else ""
+        return self.standings() if self.mine.ended else ""
 
-    def told(self) -> str:
+    def standings(self) -> str:
         """Returns how all stand."""
-        return f"seed {self.seed}: " + "; ".join(f"{each.name}: {each.told}" for each in self.drives)
+        return f"seed {self.seed}: " + "; ".join(f"{each.name}: {each.status}" for each in self.drives)
 
     def scene(self) -> Scene:
         """Returns what the window shows."""
         scene = self.mine.scene()
         state = "drive to start the clock" if self.waits and not self.mine.steps else "paused" if self.waits else ""
         if self.mine.ended:
-            state = f"{self.mine.told}: R again, N next"
+            state = f"{self.mine.status}: R again, N next"
         robot = self.mine.single.task.robot
         # they cover a part of the world: not while it is driven in
         standing = self.waits or bool(self.mine.ended)
@@ -171,9 +171,9 @@ def run(game: Game, renderer: Renderer) -> None:
         renderer.draw(game.scene())
         for event in pygame.event.get():
             game.hear(event)
-        told = game.step()
-        if told:
-            say(told)
+        line = game.step()
+        if line:
+            say(line)
 
 
 class _Play(OneLineErrors):

@@ -135,8 +135,8 @@ def made(run: Path, entry: str, entrant: Entrant | None) -> Submission:
         raise Refused(f"{entry!r} is {'no ' if entrant else 'a '}policy of your own: give --policy for those alone")
     if entrant is None and mine[0]["gains_name"] not in GAINS_NAMES:
         raise Refused(f"{entry!r} are agents of a folder: enter them by --policy, a function that makes the policy ppo")
-    kept = [name for name in mine[0] if name != TRAJECTORY and any(row[name] for row in mine)]
-    rows = [{name: row[name] for name in kept} for row in mine]
+    columns = [name for name in mine[0] if name != TRAJECTORY and any(row[name] for row in mine)]
+    rows = [{name: row[name] for name in columns} for row in mine]
     return _of_rows(rows, entrant)
 
 
@@ -170,8 +170,8 @@ def driven_today(submission: Submission, split: str) -> Submission:
                 found += _texts([row for row, _ in played(Setting(first["suite"], case, *conditions))])
     if not found:
         raise Refused(f"{_name(first)!r} is no entry of this version: its gains are others")
-    kept = [name for name in found[0] if any(row[name] for row in found)]
-    return _of_rows([{name: row[name] for name in kept} for row in found], None)
+    columns = [name for name in found[0] if any(row[name] for row in found)]
+    return _of_rows([{name: row[name] for name in columns} for row in found], None)
 
 
 def content(submission: Submission) -> dict[str, bytes]:
@@ -398,10 +398,11 @@ def _check_outcomes(rows: Collection[Row]) -> None:
     A draw may miss the one episode whose number, which no drive can have, moves the mean of all.
     """
     for row in rows:
-        told = {name: row.get(name, "") for name in ("success", *ENDINGS)}
-        if wrong := next((name for name, cell in told.items() if cell not in ("", "0", "1")), ""):
-            raise Refused(f"{place(row)}: {wrong} is {shown(told[wrong])}; it must be 0 or 1")
-        if told.pop("success") == "1" and (other := next((name for name, cell in told.items() if cell == "1"), "")):
+        outcome = {name: row.get(name, "") for name in ("success", *ENDINGS)}
+        if wrong := next((name for name, cell in outcome.items() if cell not in ("", "0", "1")), ""):
+            raise Refused(f"{place(row)}: {wrong} is {shown(outcome[wrong])}; it must be 0 or 1")
+        ended = outcome.pop("success") == "1"
+        if ended and (other := next((name for name, cell in outcome.items() if cell == "1"), "")):
             raise Refused(f"{place(row)}: success and {other} are both 1; an episode ends in one of them")
         for name in ("time", ALL_CONTESTS[row["contest"]].cost.metric):
             cell = row.get(name, "")

@@ -15,7 +15,7 @@ from wayfield.policies.parts.tuned import PACE
 
 SPEED = 2.0  # m/s, the most of the challenge's Jackal, behind its optimal times
 # m/s, cruising speed of the entries: the score is full from a mean of 1 m/s on, and nothing is won by more
-ASKED = 1.2
+TARGET = 1.2
 CLOCK_FROM = 0.1  # m from the start
 LIMIT = 100.0  # s
 BEAMS, ANGLE, RANGE = 720, math.radians(270.0), 30.0  # of its scanner, m
@@ -54,12 +54,12 @@ CHALLENGE = dataclasses.replace(
     ),
     ranked=(("success", -1.0), ("sct", -1.0)),  # a score at its ceiling ranks nobody
     notes=_NOTES.format(
-        speed=SPEED, asked=ASKED, half=0.5 * SPEED, robot="The Jackal's hull is its rectangle of 0.508 m by 0.43 m. "
+        speed=SPEED, asked=TARGET, half=0.5 * SPEED, robot="The Jackal's hull is its rectangle of 0.508 m by 0.43 m. "
     ),
     on_request=ON_REQUEST,
     label="barn",
     heading="BARN, the challenge's rules",
-    rules=Rules(ASKED, SPEED, CLOCK_FROM, LIMIT),
+    rules=Rules(TARGET, SPEED, CLOCK_FROM, LIMIT),
     # no figure of ours stands in the challenge's lists, and no figure of theirs was made here
     published=(
         Published("2022", "DWA, baseline", "0.159 (4, 8)", "log in the organisers' repository; its README says 0.169"),

@@ -290,10 +290,10 @@ class Contest:
         conditions = {"robot": shipped_name(robot), **disturbed}
         size = 1.0 if course.file else self.spec.repertoire.size_of(course.split)
         conditions |= self.seen(size)
-        asked = self.rules.speed if speed is None and self.rules else speed
-        for name, gains_name, gains, entrant, beside in self._crossed(robot, entrants, asked):
-            if asked is not None and gains_name not in FOUND:
-                at_speed = _cruising(name, gains, entrant, asked)
+        requested = self.rules.speed if speed is None and self.rules else speed
+        for name, gains_name, gains, entrant, beside in self._crossed(robot, entrants, requested):
+            if requested is not None and gains_name not in FOUND:
+                at_speed = _cruising(name, gains, entrant, requested)
                 if at_speed is None and speed is not None:
                     continue
                 gains = gains | (at_speed or {})
@@ -395,14 +395,14 @@ class Contest:
         robot = robot_of(robot)
         given = robot.name if isinstance(shipped_name(robot), str) else f"{robot.name}.json"
         if robot.hull_radius > (most := self.spec.repertoire.most):
-            told = f"none can be trained for a hull of {robot.hull_radius:.3g} m, beyond {most:g} m"
+            remedy = f"none can be trained for a hull of {robot.hull_radius:.3g} m, beyond {most:g} m"
         else:
-            told = f"wayfield train {self.env_id(robot)} --robot {given} trains one"
+            remedy = f"wayfield train {self.env_id(robot)} --robot {given} trains one"
         lacking = [name for name in names if name in TRAINED and not any(self.gain_sets(name, robot, ()))]
         there = {name: ", ".join(each for each in ROBOTS if self.agents_of(name, each)) for name in lacking}
         return {
             name: f"policies {name!r}: no agent ships for {self.spec.name} with {robot}, but with "
-            f"{there[name] or 'no robot'}; {told}"
+            f"{there[name] or 'no robot'}; {remedy}"
             for name in lacking
         }
 
@@ -431,8 +431,8 @@ def with_agents(
     """
     lines = [each.without_agents(names, robot) for each in contests]
     untrained = {name: line for name, line in lines[0].items() if all(name in each for each in lines)}
-    kept = tuple(name for name in names if name not in untrained)
-    return (kept, [f"{line}; it is left out" for line in untrained.values()]) if kept or others else (names, [])
+    entrants = tuple(name for name in names if name not in untrained)
+    return (entrants, [f"{line}; it is left out" for line in untrained.values()]) if entrants or others else (names, [])
 
 
 def left_out(contests: Sequence[Contest], robot: Robot) -> list[str]:

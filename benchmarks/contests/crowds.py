@@ -23,7 +23,7 @@ ON_REQUEST = ("mppi", "nav2_mppi", "nav2_dwb", "central")  # the last plans minu
 OWN_LAW = "own"  # people walk by the laws of their scenario
 PEOPLE_LAWS = (OWN_LAW, *(name for name in LAWS if name not in ("replay", "standing")))
 CASES, CLOCK = 500, 500  # CrowdNav's tests, and their 25 s in control periods
-_ASKED = 1.0  # m/s, CrowdNav's robot
+_TARGET = 1.0  # m/s, CrowdNav's robot
 
 
 def score(rows: Episodes, scenarios: Sequence[Any], speed: float, least: float) -> Score:
@@ -176,7 +176,7 @@ CROWDNAV = {
             tuned_in="crowdnav-seen" if seen else "crowdnav",
             tuned_on=("crowdnav_5",),
             heading=f"CrowdNav's tests, the robot {'seen' if seen else 'unseen'}",
-            rules=Rules(_ASKED, limit=25.0),
+            rules=Rules(_TARGET, limit=25.0),
             notes=_NOTES
             + "Cases, clock (25 s) and tolerance are CrowdNav's; the robot, its period and its actuators are ours. "
             f"RVO2 drives {'100.0 % of the cases in 10.02 s' if seen else '42.6 % of the cases in 10.86 s'} by "
@@ -192,7 +192,7 @@ ATTNGRAPH = dataclasses.replace(
     heading="AttnGraph's crowd of 20, the robot unseen",
     tuned_in="attngraph",
     tuned_on=("attngraph_20",),
-    rules=Rules(_ASKED, limit=50.0),
+    rules=Rules(_TARGET, limit=50.0),
 )
 # those that gains are searched for apart
 TUNED_CROWDS = (TEAMS, PEOPLE["people-unseen"], PEOPLE["people-seen"], *CROWDNAV.values(), ATTNGRAPH)

@@ -11,7 +11,7 @@ from wayfield.benchmarks.contests.contest import Column
 from wayfield.benchmarks.contests.goal_obstacles import GOAL_OBSTACLES, ON_REQUEST, ON_REQUEST_NOTE
 from wayfield.benchmarks.records.cases import Rules
 
-ASKED = 0.55  # m/s, the benchmark's bound for the P3DX
+TARGET = 0.55  # m/s, the benchmark's bound for the P3DX
 
 MRPB = dataclasses.replace(
     GOAL_OBSTACLES,
@@ -32,11 +32,11 @@ MRPB = dataclasses.replace(
         "Goals are poses, to 0.2 m and 0.1 rad. Safety, motion efficiency, velocity smoothness and compute are the "
         "benchmark's metrics: the share of time in danger, whose distance it leaves to the user (here 0.1 m from the "
         "hull), the travel time, the mean |dv|/dt, the time of a decision. Entries with a cruising speed are asked for "
-        f"{ASKED:g} m/s, the benchmark's bound. It hands local planners a global plan; those here get none unless they "
-        f"know the map. {ON_REQUEST_NOTE} Simulation only."
+        f"{TARGET:g} m/s, the benchmark's bound. It hands local planners a global plan; those here get none unless "
+        f"they know the map. {ON_REQUEST_NOTE} Simulation only."
     ),
     on_request=ON_REQUEST,
     label="mrpb",
     heading="MRPB",
-    rules=Rules(ASKED),
+    rules=Rules(TARGET),
 )

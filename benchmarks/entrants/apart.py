@@ -45,7 +45,7 @@ class Apart:
         self._process.start()
         theirs.close()
         self.name = source.partition(" ")[0]
-        about = self._asked(FIRST_SECONDS, "load")
+        about = self._request(FIRST_SECONDS, "load")
         self.name, self.gains_name, self.digest = (str(about[key]) for key in ("name", "gains_name", "digest"))
         self.gains: Mapping[str, Any] = dict(about["gains"])
         self._about = about
@@ -61,7 +61,7 @@ class Apart:
     def make(self, gains: Mapping[str, Any]) -> Policy:
         """Returns the policy, which is there already."""
         del gains  # those that it was named with
-        return _Asked(self, str(self._about["knows"]), _types(self._about["observes"]))
+        return _RemotePolicy(self, str(self._about["knows"]), _types(self._about["observes"]))
 
     def cruising(self, speed: float) -> None:
         """Returns None: entries drive with the gains that they were named with."""
@@ -72,12 +72,12 @@ class Apart:
         parameters, learned = self._about["described"]
         return str(parameters), str(learned)
 
-    def asked(self, first: bool, *words: Any) -> tuple[dict[str, Any], NDArray[np.float64]]:
+    def request(self, first: bool, *words: Any) -> tuple[dict[str, Any], NDArray[np.float64]]:
         """Returns the answer to a request, and its numbers."""
-        found = self._asked(FIRST_SECONDS if first else self._seconds, *words)
+        found = self._request(FIRST_SECONDS if first else self._seconds, *words)
         return found, np.frombuffer(self._received(self._seconds, words[0]))
 
-    def _asked(self, seconds: float, *words: Any) -> dict[str, Any]:
+    def _request(self, seconds: float, *words: Any) -> dict[str, Any]:
         try:
             self._end.send(words)
         except OSError:
@@ -107,7 +107,7 @@ class Apart:
         return ValueError(f"{self.name!r}: its process ended with status {self._process.exitcode}")
 
 
-class _Asked:
+class _RemotePolicy:
     """The policy of another process, as it is asked here."""
 
     def __init__(self, entrant: Apart, knows: str, observes: tuple[type, ...]) -> None:
@@ -115,12 +115,12 @@ class _Asked:
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns what stands for the memory here: how often each robot's policy fell back on something else."""
-        self._entrant.asked(True, "reset", briefing)
+        self._entrant.request(True, "reset", briefing)
         return np.zeros(briefing.num_envs, _COUNTED)
 
     def act(self, observation: Any, briefing: Briefing, memory: NDArray[Any]) -> NDArray[np.float64]:
         """Returns its twists (b, t), and counts in the memory; ValueError if they are none, as `Checked` has them."""
-        found, twists = self._entrant.asked(self._first, "act", observation)
+        found, twists = self._entrant.request(self._first, "act", observation)
         self._first = False
         if twists.size != briefing.num_envs * len(briefing.robot.twist_axes) or not np.isfinite(twists).all():
             raise ValueError(f"{self._entrant.name!r}: act sent {twists.size} numbers that are no twists")

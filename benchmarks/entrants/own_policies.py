@@ -92,7 +92,7 @@ class OwnClass:
             return found(**gains)
         except Exception as error:
             given = " ".join(f"{key}={value}" for key, value in gains.items()) or "no gains"
-            raise ValueError(f"{self.name!r} cannot be made with {given}: {_told(error)}") from error
+            raise ValueError(f"{self.name!r} cannot be made with {given}: {_line_of(error)}") from error
 
     def cruising(self, speed: float) -> dict[str, Any] | None:
         """Returns the gain `speed` or `max_speed`, whichever the class takes and keeps; None if it has neither."""
@@ -143,7 +143,7 @@ class OwnModel:
     def make(self, gains: Mapping[str, Any]) -> Policy:
         """Returns the policy of the model; ValueError, in one line, if it cannot be loaded."""
         del gains
-        return Checked(self.name, _Asked(self.name, loaded(self.file, self.algorithm, self.digest)))
+        return Checked(self.name, _ModelPolicy(self.name, loaded(self.file, self.algorithm, self.digest)))
 
     def cruising(self, speed: float) -> None:
         """Returns None: a model drives as it was trained."""
@@ -305,9 +305,9 @@ def imported(name: str) -> ModuleType:
     except ModuleNotFoundError as error:
         if error.name is not None and f"{name}.".startswith(f"{error.name}."):
             raise ValueError(f"there is no module {name!r}, in {here} or installed") from None
-        raise ValueError(f"module {name!r} cannot be imported: {_told(error)}") from error
+        raise ValueError(f"module {name!r} cannot be imported: {_line_of(error)}") from error
     except (Exception, SystemExit) as error:
-        raise ValueError(f"module {name!r} cannot be imported: {_told(error)}") from error
+        raise ValueError(f"module {name!r} cannot be imported: {_line_of(error)}") from error
     finally:
         sys.path.remove(here)
         if here not in sys.path:
@@ -371,7 +371,7 @@ def _outside(origin: str) -> Path | None:
     return file if file.is_file() and not installed else None
 
 
-def _told(error: BaseException) -> str:
+def _line_of(error: BaseException) -> str:
     """Returns the last line of what Python would say of an error, and where in the user's code it came up."""
     said = traceback.format_exception_only(error)[-1].strip()
     frames = [each for each in traceback.extract_tb(error.__traceback__) if each.filename != __file__]
@@ -393,7 +393,7 @@ class Checked:
             try:
                 there = hasattr(policy, member)
             except Exception as error:
-                raise ValueError(f"{name!r}: {member} raises {_told(error)}") from error
+                raise ValueError(f"{name!r}: {member} raises {_line_of(error)}") from error
             if not there:
                 raise ValueError(f"{name!r} is no policy: it lacks {member!r}; a policy has {', '.join(_MEMBERS)}")
         if policy.knows not in KNOWS:
@@ -444,13 +444,13 @@ class Checked:
         except Mismatch:
             raise
         except Exception as error:
-            raise ValueError(f"{self.name!r}: {member} raises {_told(error)}") from error
+            raise ValueError(f"{self.name!r}: {member} raises {_line_of(error)}") from error
 
 
 # Models of stable-baselines3.
 
 
-class _Asked:
+class _ModelPolicy:
     """Drives as a model says, without chance."""
 
     knows = "sensors"

@@ -87,8 +87,8 @@ def _digests(file: str) -> str:
     """Returns the SHA-256 of a scenario's file, and of its map's; what is wrong with them, their reader will say."""
     found = [file]
     with contextlib.suppress(ValueError):
-        if file.lower().endswith(".json") and (told := json_object(file).get("map")) is not None:
-            found += map_files(file, told)
+        if file.lower().endswith(".json") and (map_file := json_object(file).get("map")) is not None:
+            found += map_files(file, map_file)
     return " ".join(file_digest(Path(each)) for each in found if os.path.isfile(each))
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from wayfield.benchmarks.contests import ALL_CONTESTS, PUBLIC_SPLIT, Contest, Course
 from wayfield.benchmarks.contests.barn import LIMIT
-from wayfield.benchmarks.contests.mrpb import ASKED as MRPB_SPEED
+from wayfield.benchmarks.contests.mrpb import TARGET as MRPB_SPEED
 from wayfield.benchmarks.contests.racetracks import SCALE
 from wayfield.benchmarks.entrants.own_scenario import own_scenario
 from wayfield.benchmarks.episodes.shortest import shortest_way

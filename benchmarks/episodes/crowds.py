@@ -149,8 +149,8 @@ def _driven(env: Any, case: Case, seeds: Sequence[int], chosen: Sequence[int], p
     for pilot in pilots:
         pilot.reset()
     briefing = env.briefing("map")
-    kept = np.dtype([(name, np.float64) for name in _KEPT])
-    history = np.empty((case.max_episode_steps + 1, rows), kept)
+    dtype = np.dtype([(name, np.float64) for name in _KEPT])
+    history = np.empty((case.max_episode_steps + 1, rows), dtype)
     people = np.empty((case.max_episode_steps + 1, len(seeds), task.most_people, 5))
     lengths = np.zeros(rows, np.int64)
     flags: list[dict[str, bool]] = [{} for _ in range(rows)]
@@ -229,18 +229,18 @@ def _robot(
         obstacles=briefing.map.obstacles[i, : briefing.map.counts[i]],
         success=flags["success"],
         collision=flags["collision"],
-        max_speed=min(case.asked, float(task.robot.max_twist[0])),
+        max_speed=min(case.target_speed, float(task.robot.max_twist[0])),
         acceleration=briefing.actuators.acceleration,
     )
 
 
 def _shortest(task: Any, scenario: int, robot: int) -> float:
     """Returns the length (m) of a robot's shortest way without others."""
-    asked = task.scenarios[scenario].robots[robot]
-    if not len(asked.obstacles):
-        away = math.dist(asked.start[:2], asked.goal[:2])
-        return max(away - float(asked.position_tolerance), CELL)
-    return float(shortest_way(asked, task.robot.hull_radius))
+    goal_scenario = task.scenarios[scenario].robots[robot]
+    if not len(goal_scenario.obstacles):
+        away = math.dist(goal_scenario.start[:2], goal_scenario.goal[:2])
+        return max(away - float(goal_scenario.position_tolerance), CELL)
+    return float(shortest_way(goal_scenario, task.robot.hull_radius))
 
 
 _ALONE: dict[tuple[str, bytes, int], Array] = {}  # the people of what was driven lately, without robots

@@ -153,7 +153,7 @@ def _trajectory(
     scenario = env.task.scenarios[int(states["scenario"][0])]
     driven = dataclasses.replace(
         driven,
-        max_speed=min(case.asked, float(briefing.robot.max_twist[0])),
+        max_speed=min(case.target_speed, float(briefing.robot.max_twist[0])),
         acceleration=briefing.actuators.acceleration,
         clearances=states["clearance"].copy(),
         goals=briefing.goal.goals[i, : briefing.goal.num_goals[i]],

@@ -56,8 +56,8 @@ class Place:
             click.UsageError: naming what is wrong with the options.
         """
         env_id = self._env_id(policy)
-        asked = {name: getattr(self, name) for name in ("scenario", "robot", "actuators", "dynamics", "disturbance")}
-        given = {name: value for name, value in asked.items() if value is not None}
+        options = {name: getattr(self, name) for name in ("scenario", "robot", "actuators", "dynamics", "disturbance")}
+        given = {name: value for name, value in options.items() if value is not None}
         try:
             suite = TEAMS if spec_of(env_id) in CROWDS.values() else CONTESTS[spec_of(env_id).suite]
             size = suite.spec.repertoire.size_of(self.scenario or "")
@@ -201,7 +201,7 @@ class Drive:
         return float(state["x"]), float(state["y"]), float(state["heading"])
 
     @property
-    def told(self) -> str:
+    def status(self) -> str:
         """Returns how it stands, in words."""
         seconds = self.steps * self.single.task.options.dt
         return f"{self.ended} after {seconds:.2f} s" if self.ended else f"under way for {seconds:.2f} s"

@@ -162,12 +162,12 @@ def gif(frames: Iterable[NDArray[np.uint8]], period: float) -> Iterator[bytes]:
     from PIL import GifImagePlugin, Image
 
     shown: NDArray[np.uint8] | None = None  # indices of colours
-    due, told = 0.0, 0  # ms, when the frame that waits ends, and how much of that is written
+    due, written = 0.0, 0  # ms, when the frame that waits ends, and how much of that is written
     waiting: tuple[Any, tuple[int, int]] | None = None
 
     def piece() -> Iterator[bytes]:
         assert waiting is not None
-        length = 10 * round((due - told) / 10)  # the format counts in hundredths of a second
+        length = 10 * round((due - written) / 10)  # the format counts in hundredths of a second
         kwargs = {"duration": length, "transparency": _COLOURS, "disposal": 1}
         yield from GifImagePlugin.getdata(waiting[0], waiting[1], **kwargs)
 
@@ -181,7 +181,7 @@ def gif(frames: Iterable[NDArray[np.uint8]], period: float) -> Iterator[bytes]:
         if shown is None or changed.any():
             if waiting is not None:
                 yield from piece()
-                told += 10 * round((due - told) / 10)
+                written += 10 * round((due - written) / 10)
             rows, columns = np.flatnonzero(changed.any(axis=1)), np.flatnonzero(changed.any(axis=0))
             area = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
             seen = np.where(changed, indices, _COLOURS).astype(np.uint8)[area]
@@ -257,4 +257,4 @@ def main(place: Place, policy: str, ghosts: tuple[str, ...], out: Path, **given:
         drives.append(Drive(env, place.policy(text, env), text))
         drives[-1].begin(place.seed, place.index)
     write_film(drives, out, given["size"], given["pace"], given["seconds"] or 3600.0)
-    say(f"{'; '.join(f'{each.name}: {each.told}' for each in drives)}; written to {out}")
+    say(f"{'; '.join(f'{each.name}: {each.status}' for each in drives)}; written to {out}")

@@ -7,7 +7,7 @@ from wayfield.benchmarks.contests import PAPER, TRAINED, Contest
 from wayfield.policies import ABOUT
 from wayfield.policies.learned.agent import PATIENCE
 
-_TOLD: Mapping[str, str] = {
+_BRIEFINGS: Mapping[str, str] = {
     "sensors": "nothing",
     "path": "the whole path",
     "reference": "the whole reference",
@@ -52,7 +52,7 @@ _AGENTS: Mapping[str, str] = {"path": _AGENT_ON_PATHS, "goal": _AGENT_AT_GOALS, 
 class Disclosure:
     """What a reader must know of an entry before comparing it with another, in words."""
 
-    told: str  # before an episode
+    briefing: str  # before an episode
     sees: str  # in every step
     protected: str  # what it remembers, and what keeps it from harm
 
@@ -67,10 +67,10 @@ def disclosed(policy: str, gains_name: str, knows: str, contest: Contest) -> Dis
     observed, known = contest.spec.observes, knows.removeprefix("own, ")
     sees = _SEES["bodies" if known == "bodies" else observed]
     # a policy with access to the path gets the goal where there is no path
-    told = _TOLD.get(observed if known == "path" else known, knows)
+    privileged = _BRIEFINGS.get(observed if known == "path" else known, knows)
     if policy in TRAINED:
         alone = _HYBRID_AT_GOALS if policy == "hybrid" else _AGENTS.get(contest.spec.kind, "")
-        return Disclosure(told, sees, ABOUT[policy].protected or alone)
+        return Disclosure(privileged, sees, ABOUT[policy].protected or alone)
     if policy in PAPER and gains_name == "paper":
-        return Disclosure(told, sees, "nothing, as published")
-    return Disclosure(told, sees, ABOUT[policy].protected if policy in ABOUT else "")
+        return Disclosure(privileged, sees, "nothing, as published")
+    return Disclosure(privileged, sees, ABOUT[policy].protected if policy in ABOUT else "")

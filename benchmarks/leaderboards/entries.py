@@ -71,7 +71,7 @@ def label(entry: Entry) -> str:
     return policy if gains_name == "default" else f"{policy} ({gains_name})"
 
 
-def seeds_told(entries: Iterable[Episodes], contest: Contest) -> str:
+def seeds_driven(entries: Iterable[Episodes], contest: Contest) -> str:
     """Returns which training runs of the agents that ship drove, in words: of a short run the first alone."""
     trained = [rows.where(gains_name="trained") for rows in entries]
     driven = {int(seed) for rows in trained for seed in rows.unique("agent_seed") if seed}
@@ -175,12 +175,12 @@ def shown_speed(speed: float, decimals: int) -> str:
     return "-" if math.isnan(speed) else f"{speed:.{decimals}f}"
 
 
-def off_pace(rows: Episodes, asked: float | None) -> bool:
+def off_pace(rows: Episodes, requested: float | None) -> bool:
     """Returns whether the mean speed is off the requested one, m/s; None: none was requested."""
-    if asked is None:
+    if requested is None:
         return False
     speed = mean_speed(rows)
-    return not math.isnan(speed) and abs(speed - asked) > PACE_TOLERANCE * asked
+    return not math.isnan(speed) and abs(speed - requested) > PACE_TOLERANCE * requested
 
 
 def in_order(contest: Contest, entries: Mapping[Entry, Episodes]) -> list[Entry]:

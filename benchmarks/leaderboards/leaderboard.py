@@ -39,7 +39,7 @@ from wayfield.benchmarks.leaderboards.entries import (
     off_pace,
     reading,
     scenarios,
-    seeds_told,
+    seeds_driven,
     short_cell,
     shown_speed,
     solved_mean_cell,
@@ -112,7 +112,7 @@ def contest_tables(rows: Sequence[Row], decisions: Sequence[Row], command: str, 
             seen = by_entry(mine.where(split=f"{TRANSFER_SPLIT}{at}{hull}"))
             found[stem] = standings_table(test, seen, decisions.where(robot=robot) if decisions else decisions)
             found[f"{stem}_board"] = board_table(test, decisions.where(robot=robot) if decisions else decisions)
-            found[f"{stem}_told"] = told_table(test)
+            found[f"{stem}_told"] = disclosure_table(test)
             found[f"{stem}_families"] = family_table(test)
             if any(mine.unique("tier")):
                 found[f"{stem}_tiers"] = tier_table(test)
@@ -226,7 +226,7 @@ def _standings_note(standings: Standings, with_gap: bool) -> str:
     """Returns how the main table is read."""
     contest = standings.contest
     rows = next(iter(standings.entries.values()))
-    seeds = seeds_told(standings.entries.values(), contest)
+    seeds = seeds_driven(standings.entries.values(), contest)
     count = scenarios(rows)  # agents have a run each
     met = "scenarios from the user's files" if standings.own else "test scenarios"
     if standings.public:
@@ -234,7 +234,7 @@ def _standings_note(standings: Standings, with_gap: bool) -> str:
     alone = standings.own or (standings.public and len(rows.unique("family")) == count)
     strata = "" if alone else ", stratified by family"
     brackets = BRACKETS.replace("where a family has", "where there are") if alone else BRACKETS
-    told = (
+    sentences = (
         f" Gap: what the entry does better on the {TRANSFER_SPLIT} split, on which gains were chosen, than on test."
         if with_gap
         else ""
@@ -252,7 +252,7 @@ def _standings_note(standings: Standings, with_gap: bool) -> str:
         f"IQM, the interquartile mean. Rows of trained agents hold {seeds}. A "
         f"failure counts as {contest.counted}; speed, time of successes and effort are of the successes and "
         f"rank nobody. Training steps: of {CONTROL_PERIOD:g} s, driven by the training or the search. Compute: one "
-        f"decision of one robot, measured alone.{told}{pace} {standings.source} {contest.notes}"
+        f"decision of one robot, measured alone.{sentences}{pace} {standings.source} {contest.notes}"
     )
 
 
@@ -262,12 +262,12 @@ BRACKETS = (
 )
 
 
-def told_table(standings: Standings) -> Table:
+def disclosure_table(standings: Standings) -> Table:
     """Returns the privileged information, sensors, memory and protections of each entry."""
     lines = []
     for entry, rows in standings.entries.items():
-        told = disclosed(*entry, rows[0]["knows"], standings.contest)
-        lines.append([label(entry), told.told, told.sees, told.protected, _steps(rows)])
+        disclosure = disclosed(*entry, rows[0]["knows"], standings.contest)
+        lines.append([label(entry), disclosure.briefing, disclosure.sees, disclosure.protected, _steps(rows)])
     note = f"What a policy gets before an episode and at every step, and what protects the robot. {standings.source}"
     header = ["policy", "before the episode", "at every step", "memory and safeguards", "training steps"]
     return Table(f"{standings.title}: what each has", header, lines, note)
@@ -350,7 +350,7 @@ def seed_table(standings: Standings, seen: Mapping[Entry, Episodes]) -> Table:
 class Point:
     """One entry at one cruising speed."""
 
-    asked: float  # m/s, the mean speed
+    target_speed: float  # m/s, the mean speed
     pace: float  # m/s, mean speed of the successes
     error: float  # m, mean of the costs
     low: float  # m, of the error's 95 % interval; NaN where there is none
@@ -362,31 +362,32 @@ class Point:
 def front_points(contest: Contest, rows: Episodes) -> list[Point]:
     """Returns the points of the speed-accuracy front of one entry, by what the contest compares successes by."""
     points = []
-    for asked, group in rows.groups("speed").items():
+    for requested, group in rows.groups("speed").items():
         error = imputed(group, contest.cost.metric)
         ends = interval(*by_scenario(group, error), mean) or (np.nan, np.nan)
         lost = bool((group["success"] == 0.0).any())
-        away = off_pace(group, asked)
-        points.append(Point(asked, mean_speed(group), float(error.mean()), *ends, lost, away))
+        away = off_pace(group, requested)
+        points.append(Point(requested, mean_speed(group), float(error.mean()), *ends, lost, away))
     return points
 
 
 def front_table(contest: Contest, title: str, rows: Episodes, command: str) -> Table:
     """Returns the error and the mean speed of each entry at each requested cruising speed."""
     contest = contest.of_rows(rows)
-    asked = rows.unique("speed")
+    requested = rows.unique("speed")
     cost, decimals = contest.cost, contest.cost.decimals
     lines = []
     for entry, mine in by_entry(rows).items():
-        points = {point.asked: point for point in front_points(contest, mine)}
-        lines.append([label(entry), *(_point_cell(points[each], decimals) if each in points else "" for each in asked)])
+        points = {point.target_speed: point for point in front_points(contest, mine)}
+        cells = (_point_cell(points[each], decimals) if each in points else "" for each in requested)
+        lines.append([label(entry), *cells])
     note = (
         f"{cost.name} in {cost.unit}, mean with its 95 % bootstrap interval, a failure counted as "
         f"{failing(contest)} | mean speed of the successes in m/s; {OFF_PACE}: off the asked one by more than "
         f"{100.0 * PACE_TOLERANCE:.0f} %: read its error at that speed. Policies without a cruising speed are left "
         f"out. {made_by(command)}"
     )
-    return Table(f"{title}: asked for (m/s)", ["policy", *map(text, asked)], lines, note)
+    return Table(f"{title}: asked for (m/s)", ["policy", *map(text, requested)], lines, note)
 
 
 def _point_cell(point: Point, decimals: int) -> str:

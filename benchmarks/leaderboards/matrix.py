@@ -79,17 +79,17 @@ def cost_difference(a: Runs, b: Runs) -> tuple[Difference, float]:
     both = (a.won[:, :, np.newaxis] * b.won[:, np.newaxis, :]) == 1.0
     strata = np.asarray(a.strata)
     solved = both.any(axis=(1, 2))
-    kept = solved & np.array([(solved & (strata == name)).sum() >= LEAST for name in a.strata], bool)
-    if not kept.any():
+    counted = solved & np.array([(solved & (strata == name)).sum() >= LEAST for name in a.strata], bool)
+    if not counted.any():
         return Difference(math.nan, math.nan, math.nan, math.nan), math.nan
     one, other = (
-        np.where(both, each, np.nan)[kept] for each in (a.measured[:, :, np.newaxis], b.measured[:, np.newaxis, :])
+        np.where(both, each, np.nan)[counted] for each in (a.measured[:, :, np.newaxis], b.measured[:, np.newaxis, :])
     )
     pairs = one - other
     # an agent that fails where another of its set succeeds: its place is taken by the mean of the others there
     pairs = np.where(np.isnan(pairs), np.nanmean(pairs, axis=(1, 2), keepdims=True), pairs)
     level = min(float(np.nanmean(each, axis=(1, 2)).mean()) for each in (one, other))
-    return of_pairs(pairs, strata[kept].tolist(), "mean"), level
+    return of_pairs(pairs, strata[counted].tolist(), "mean"), level
 
 
 def _check_paired(a: Runs, b: Runs) -> None:

@@ -54,10 +54,10 @@ def outcome(low: float, high: float, corrected: float, margin: float, limit: flo
             error, not of successes.
     """
     within = low >= -margin and max(high, limit) <= margin
-    told = low > 0.0 or high < 0.0
-    if within and (trifles or not told):
+    differs = low > 0.0 or high < 0.0
+    if within and (trifles or not differs):
         return EQUIVALENT
-    if told and corrected < SIGNIFICANT:
+    if differs and corrected < SIGNIFICANT:
         return BETTER if low > 0.0 else WORSE
     return OPEN
 
@@ -180,14 +180,14 @@ def _pairs(contest: Contest, condition: str, scenes: str, entries: Mapping[Entry
     ranks = some["split"] in COMPARED and some["suite"] != DISTURBANCES
     runs = {entry: Runs.of(rows, contest) for entry, rows in entries.items()}
     speeds = {entry: mean_speed(rows) for entry, rows in entries.items()}
-    asked = {entry for entry in entries if entry[0] in TRAINED}
+    compared = {entry for entry in entries if entry[0] in TRAINED}
     if ranks:
         with_map = {entry: rows for entry, rows in entries.items() if MAP in rows[0]["knows"]}
-        asked |= {leader(contest, each) for each in (entries, with_map) if each}
+        compared |= {leader(contest, each) for each in (entries, with_map) if each}
     # agents first, so that what is said is said of them
-    ordered = sorted(entries, key=lambda entry: (entry[0] not in TRAINED, entry not in asked))
+    ordered = sorted(entries, key=lambda entry: (entry[0] not in TRAINED, entry not in compared))
     for a, b in itertools.combinations(ordered, 2):
-        if a not in asked:
+        if a not in compared:
             continue
         yield Pair(
             contest,

@@ -79,7 +79,7 @@ class Case:
     beside: str = ""  # the policy of every other robot of a team, from the second on; "": all have the same
 
     @property
-    def asked(self) -> float:
+    def target_speed(self) -> float:
         """Returns the requested cruising speed (m/s); inf outside of contests, which have none."""
         if self.rules is not None:
             return self.rules.speed

@@ -20,7 +20,7 @@ from wayfield.benchmarks.leaderboards.entries import (
     mean_speed,
     off_pace,
     scenarios,
-    seeds_told,
+    seeds_driven,
     shown_speed,
     solved_mean_cell,
     success_interval,
@@ -125,7 +125,7 @@ def found(contest: Contest, robot: str, rows: Episodes, named: tuple[str, ...] =
     elif len(rivals) < len(ranked):
         above = next(each for each in ranked if MAP in each.access)
         sentence += f" {label(above.entry)} has access to the map, an upper reference: {_achieved(above, contest)}."
-    seeds = seeds_told([rows], contest)
+    seeds = seeds_driven([rows], contest)
     if "alone" in seeds:
         small = dataclasses.replace(small, note=f"{small.note} Trained agents: {seeds}.")
     charts = (_bars(contest, robot, ranked), _duels(contest, robot, entries), _heat(contest, robot, entries))
@@ -213,14 +213,16 @@ def _who(ranked: Sequence[_Standing], verdicts: Mapping[tuple[str, str], Verdict
         found[pair[1]] = (verdicts[pair] if pair in verdicts else verdicts[pair[::-1]].turned).outcome
     if FEW in found.values():
         return f"{name} leads ({won}); {TOO_FEW}."
-    of = {each: [other for other, told in found.items() if told == each] for each in (EQUIVALENT, OPEN, SLOWER, WORSE)}
+    of = {
+        each: [name for name, verdict in found.items() if verdict == each] for each in (EQUIVALENT, OPEN, SLOWER, WORSE)
+    }
     sentence = f"{name} leads: {won}; next {label(rivals[1].entry)}: {_achieved(rivals[1], contest)}."
     if behind := of[WORSE]:  # success is ranked by its mean: where it does not decide, one may be faster, or closer
         better = "faster" if contest.cost.unit == "s" else "closer"
         sentence += f" With equivalent success, or a tie, {_named(behind)} {_is(behind)} {better}."
-    for told, words in ((EQUIVALENT, "Equivalent"), (OPEN, "Tie"), (SLOWER, "At a different speed")):
-        if of[told]:
-            sentence += f" {words}: {_named(of[told])}."
+    for verdict, words in ((EQUIVALENT, "Equivalent"), (OPEN, "Tie"), (SLOWER, "At a different speed")):
+        if of[verdict]:
+            sentence += f" {words}: {_named(of[verdict])}."
     return sentence
 
 
@@ -241,11 +243,11 @@ def _small(
 ) -> Table:
     """Returns the small table: the first few and those named, the user's own, trained agents, the best with a map."""
     shown = list(rivals[:MOST_SMALL])
-    asked = [each for each in ranked if each.entry[0] in named]
+    requested = [each for each in ranked if each.entry[0] in named]
     own = [each for each in ranked if each.entry[1] == OWN or each.entry[1] not in GAINS_NAMES]
     trained = [each for each in ranked if each.entry[1] == "trained"]
     with_map = [each for each in ranked if MAP in each.access]
-    for each in (*asked, *own, *trained, *with_map[:1]):
+    for each in (*requested, *own, *trained, *with_map[:1]):
         if each not in shown:
             shown.append(each)
     column = _scored(contest)
@@ -338,7 +340,7 @@ def front_chart(contest: Contest, robot: str, rows: Episodes) -> Chart:
         points = [
             {"x": point.pace, "y": point.error, "low": point.error if math.isnan(point.low) else point.low,
              "high": point.error if math.isnan(point.high) else point.high, "lost": point.lost,
-             "asked": text(point.asked)}
+             "asked": text(point.target_speed)}
             for point in front_points(contest, mine) if not math.isnan(point.pace)
         ]  # fmt: skip
         if points:

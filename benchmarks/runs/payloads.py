@@ -91,8 +91,8 @@ def _unpacked(payload: Payload) -> Iterator[Setting]:
 def _written(folder: Path, name: str, content: bytes, scenario: str) -> Path:
     """Writes a file below a folder, under as much of its path as readers look at; returns where."""
     parts = Path(name).absolute().parts[1:]
-    kept = 3 + max(_below(name, scenario), 1)
-    file = folder.joinpath(hashlib.sha256("/".join(parts[:-kept]).encode()).hexdigest()[:8], *parts[-kept:])
+    levels = 3 + max(_below(name, scenario), 1)
+    file = folder.joinpath(hashlib.sha256("/".join(parts[:-levels]).encode()).hexdigest()[:8], *parts[-levels:])
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_bytes(content)
     return file

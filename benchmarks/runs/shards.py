@@ -268,7 +268,8 @@ def _searched(contest: Contest, case: Case) -> str:
         return f"{NO_FRAMES}, as published"
     level = ROBUST_LEVEL if case.gains_name in ("robust", HAND_TUNED["robust"]) else "none"
     robot = case.env_kwargs["robot"]  # a name where it ships
-    found = tuned_set(case.policy, contest.gains_suite, robot, case.asked, level) if isinstance(robot, str) else None
+    suite, speed = contest.gains_suite, case.target_speed
+    found = tuned_set(case.policy, suite, robot, speed, level) if isinstance(robot, str) else None
     if case.gains_name == "default" and (found is None or found.chosen != "default"):
         return f"{NO_FRAMES}, as Nav2 configures it" if case.policy in _OF_NAV2 else NO_FRAMES
     if found is None:
@@ -294,10 +295,10 @@ def play(setting: Setting) -> dict[str, bytes]:
     most, cost = setting.keep, ALL_CONTESTS[setting.case.contest].spec.cost.metric
     found = played(setting)
     order = sorted(range(len(found)), key=lambda i: badness(found[i][0], cost))
-    kept = {f"{i:05d}": found[i][1] if most is None else slim(found[i][1]) for i in order[:most]}
+    trajectories = {f"{i:05d}": found[i][1] if most is None else slim(found[i][1]) for i in order[:most]}
     drives = {i: drive_of(trajectory) for i, (_, trajectory) in enumerate(found)}
     own = isinstance(setting.case.entrant, OwnClass)
-    return _packed([row for row, _ in found], kept, drives, sources() if own else {})
+    return _packed([row for row, _ in found], trajectories, drives, sources() if own else {})
 
 
 def _changed(part: Part) -> str:

@@ -34,8 +34,8 @@ _SHORT = {"max_episode_steps": 100}
 
 def identified() -> Robot:
     """Returns the base as `wayfield identify` found it from its log in MuJoCo."""
-    told = next(row["found"] for row in read(CHAIN) if (row["robot"], row["sheet"]) == (BASE, "identified"))
-    cells = dict(cell.split("=") for cell in told.split(";"))
+    text = next(row["found"] for row in read(CHAIN) if (row["robot"], row["sheet"]) == (BASE, "identified"))
+    cells = dict(cell.split("=") for cell in text.split(";"))
     found = {name: tuple(float(each) for each in cell.split()) for name, cell in cells.items()}
     track = found["track"][0]
     base = ROBOTS[BASE]

@@ -64,8 +64,8 @@ def _p3dx(name: str, speed: float = 0.6, **kwargs: Any) -> Condition:
 def _sheet(number: int, holonomic: bool, hull: float, speed: float, brakes: float, lag: float, scan: Any) -> Condition:
     """Returns a robot that is in no training, written down and not drawn, as a user would."""
     robot = robot_like(f"sheet_{number}", holonomic, hull, speed / 0.9, 2.2, brakes, 3.0 * brakes, lag, Sensors(*scan))
-    told = f"sheet {number}: hull {hull:g} m, {speed:g} m/s, stops in {speed * lag + 0.5 * speed**2 / brakes:.2f} m"
-    return Condition(told, robot, speed, {"actuators": "lagged"})
+    title = f"sheet {number}: hull {hull:g} m, {speed:g} m/s, stops in {speed * lag + 0.5 * speed**2 / brakes:.2f} m"
+    return Condition(title, robot, speed, {"actuators": "lagged"})
 
 
 CONDITIONS = (
@@ -258,9 +258,9 @@ def sentences(kept: Kept, moving: bool) -> str:
         each = {name: kept.compared[law, moving, name, False] for name in kept.conditions}
         sides = {name: _side(one) for name, one in each.items()}
         lost, behind, ahead, won = (
-            "; ".join(f"{name} ({_points(each[name])})" for name, side in sides.items() if side.startswith(told))
+            "; ".join(f"{name} ({_points(each[name])})" for name, side in sides.items() if side.startswith(verdict))
             or "none"
-            for told in (WORSE, BEHIND, AHEAD, BETTER)
+            for verdict in (WORSE, BEHIND, AHEAD, BETTER)
         )
         whole = kept.compared[law, moving, "", False]
         found.append(
@@ -281,7 +281,7 @@ def half_speed(kept: Kept) -> str:
     """
     if not kept.half:
         return ""
-    lines, told = [], []
+    lines, sentences = [], []
     for condition in kept.half:
         for what, moving in (("still", False), ("moving", True)):
             found = {law: kept.compared[law, moving, condition, True] for law in LAWS}
@@ -290,23 +290,23 @@ def half_speed(kept: Kept) -> str:
                       for names in (kept.own, *([law] for law in LAWS))]  # fmt: skip
             lines.append([condition, what, *shares])
             sides = [f"beside `{law}` {_side(each)} ({_points(each)})" for law, each in found.items()]
-            told.append(f"* {condition}, {what}: `{OWN}` is {', '.join(sides)}.")
+            sentences.append(f"* {condition}, {what}: `{OWN}` is {', '.join(sides)}.")
     header = ["condition", "scenes", f"`{OWN}`, {len(kept.own)} seeds", *(f"`{law}`" for law in LAWS)]
     shown = text_of(lines, header)
     words = f"The P3DX's own agents were trained at 0.6 m/s. `{AGENT}` at 0.3 m/s stands in the tables above."
-    return "\n\n".join(("## The P3DX's agents at half their speed", words, "\n".join(told), shown))
+    return "\n\n".join(("## The P3DX's agents at half their speed", words, "\n".join(sentences), shown))
 
 
 def page(rows: Sequence[dict[str, str]]) -> str:
     """Returns the page of the rows."""
     kept = Kept(rows)
     one = "One seed was trained, and is driven: how much seeds differ is not known."
-    told = one if len(kept.seeds) == 1 else f"{len(kept.seeds)} seeds were trained, and are driven."
+    seeds = one if len(kept.seeds) == 1 else f"{len(kept.seeds)} seeds were trained, and are driven."
     missing = [each for each in CONDITIONS if each.name not in kept.conditions]
     agentless, left = ([each.name for each in missing if bool(agents_of(each.robot)) == able] for able in (False, True))
     words = f" Not driven: {'; '.join(left)}." if left else ""
     words += f" No agent ships for the class of {'; '.join(agentless)}." if agentless else ""
-    parts = [PROSE.strip().format(seeds=told, left=words, comparisons=len(kept.compared))]
+    parts = [PROSE.strip().format(seeds=seeds, left=words, comparisons=len(kept.compared))]
     for title, moving in (("What stands still", False), ("What moves", True)):
         name = kept.conditions[0]
         number = len(kept.of(LAWS[0], "success", moving, [name]))

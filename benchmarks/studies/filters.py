@@ -168,10 +168,10 @@ def page(rows: Sequence[Mapping[str, str]]) -> str:
         lines += [f"| {' | '.join(header)} |", "|---" * len(header) + "|"]
         lines += [f"| {' | '.join(cells(rows, *each, group))} |" for each in itertools.product(POLICIES, FILTERS)]
         lines.append("")
-    return "\n".join([*lines, *told(rows), ""])
+    return "\n".join([*lines, *findings(rows), ""])
 
 
-def told(rows: Sequence[Mapping[str, str]]) -> list[str]:
+def findings(rows: Sequence[Mapping[str, str]]) -> list[str]:
     """Returns what the tables say, of their numbers."""
     still, moving = GROUPS
 

@@ -37,7 +37,7 @@ STEPS = 200
 CLOCK = 120  # steps of an episode, so that every run sees a reset
 
 QUANTITIES = ("observations", "actions", "rewards", "ends", "info")
-Told = Mapping[str, NDArray[Any]]  # one step of all robots, by quantity
+Step = Mapping[str, NDArray[Any]]  # one step of all robots, by quantity
 Print = dict[str, str]  # digests: of each quantity, and "steps", four digits a step of all that came until then
 
 
@@ -140,7 +140,7 @@ def entrants(world: World, names: Sequence[str]) -> Iterator[tuple[str, str, dic
             yield name, gains_name, gains
 
 
-def batched(envs: Any, pilot: Pilot, steps: int) -> Iterator[Told]:
+def batched(envs: Any, pilot: Pilot, steps: int) -> Iterator[Step]:
     """Yields what a batch observes, does and earns, step by step; ended robots begin anew."""
     observations, info = envs.reset(seed=0)
     pilot.reset()
@@ -157,7 +157,7 @@ def batched(envs: Any, pilot: Pilot, steps: int) -> Iterator[Told]:
         ended = np.flatnonzero(ends.any(axis=1))
 
 
-def alone(env: Any, pilot: Pilot, steps: int) -> Iterator[Told]:
+def alone(env: Any, pilot: Pilot, steps: int) -> Iterator[Step]:
     """Yields what a single robot observes, does and earns, as `batched` does: a reset takes the place of a step."""
     observation, info = env.reset(seed=0)
     pilot.reset()
@@ -187,12 +187,12 @@ def _inside(info: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
     return {"info": np.column_stack(columns)}
 
 
-def fingerprint(told: Iterator[Told], rows: int | None = None) -> Print:
+def fingerprint(records: Iterator[Step], rows: int | None = None) -> Print:
     """Returns the digests of a run, or of its first rows."""
     sums = {name: hashlib.sha256() for name in QUANTITIES}
     whole = hashlib.sha256()
     steps = ""
-    for step in told:
+    for step in records:
         for name, values in step.items():
             content = np.ascontiguousarray(values[:rows]).tobytes()
             sums[name].update(content)

@@ -424,10 +424,10 @@ def taken(first: str, other: str, found: Less, page: Sequence[float], seeds: int
     Where that is not significant, or an agent has too few seeds for a claim, a controller goes before an agent, of two
     of a kind the one that is ahead, else the one that sees less, and of two that see the same the one that solved more.
     """
-    told = found.outcome(page).partition(", ")[0]
+    verdict = found.outcome(page).partition(", ")[0]
     alike = (first in AGENTS) == (other in AGENTS)
-    if seeds >= LEAST_SEEDS and (told in (BETTER, WORSE) or (alike and told in (AHEAD, BEHIND))):
-        return first if told in (BETTER, AHEAD) else other
+    if seeds >= LEAST_SEEDS and (verdict in (BETTER, WORSE) or (alike and verdict in (AHEAD, BEHIND))):
+        return first if verdict in (BETTER, AHEAD) else other
 
     def cost(name: str) -> tuple[bool, bool]:
         return name in AGENTS, name not in LEAST_ACCESS
@@ -452,17 +452,17 @@ class Compared(NamedTuple):
         agent, law, shown = self.agent, self.law, f"{self.what}: {self.found.shown} points"
         take = taken(agent, law, self.found, page, self.seeds)
         if self.seeds < LEAST_SEEDS:
-            told = f"{self.seeds} of the {LEAST_SEEDS} seeds that a claim needs"
-            return f"{agent} vs. {law}, {shown}, with {told}: take {take}."
-        told, _, how = self.found.outcome(page).partition(", ")
+            seeds = f"{self.seeds} of the {LEAST_SEEDS} seeds that a claim needs"
+            return f"{agent} vs. {law}, {shown}, with {seeds}: take {take}."
+        verdict, _, how = self.found.outcome(page).partition(", ")
         words = {
             BETTER: f"{agent} solves more than {law}",
             WORSE: f"{agent} solves less than {law}",
             EQUIVALENT: f"{agent} and {law} are equivalent within {100.0 * MARGIN:g} point",
             AHEAD: f"{agent} is ahead of {law}, {how}",
             BEHIND: f"{agent} is behind {law}, {how}",
-        }.get(told, f"{agent} and {law} tie")
-        pace = self.later.pace(page) if told in (OPEN, EQUIVALENT) else ""
+        }.get(verdict, f"{agent} and {law} tie")
+        pace = self.later.pace(page) if verdict in (OPEN, EQUIVALENT) else ""
         timed = f"; {agent} is {pace}: {self.later.shown} s" if pace else ""
         return f"{words}, {shown}{timed}: take {take}."
 
@@ -470,7 +470,7 @@ class Compared(NamedTuple):
 def team_tables(rows: Sequence[Row]) -> tuple[list[Compared], str]:
     """Returns what agents of teams are shown to do beside their rivals, in comparisons and in tables."""
     rows = independent(rows)
-    told: list[Compared] = []
+    comparisons: list[Compared] = []
     blocks: list[str] = []
     beside: dict[str, list[list[str]]] = {}  # by agent and rival
     for agent, rivals in RIVALS.items():
@@ -498,7 +498,7 @@ def team_tables(rows: Sequence[Row]) -> tuple[list[Compared], str]:
                 what = f"in {len(families)} of {len(TEAM_FAMILIES)} families" if kind == "all" else f"{kind} alone"
                 if kind == UP_TO:
                     what = f"in the {count} of them with {kind}"
-                told.append(Compared(agent, law, what, found, later, seeds))
+                comparisons.append(Compared(agent, law, what, found, later, seeds))
     if beside:
         header = [
             "families", "scenes", "solved: rival (%)", "agent (%)", "difference (points)", "mean of families",
@@ -509,18 +509,21 @@ def team_tables(rows: Sequence[Row]) -> tuple[list[Compared], str]:
     names.sort(key=lambda name: name not in _ORCAS)
     families = [family for family in TEAM_FAMILIES if any(row["family"] == family for row in rows)]
     of = {family: [row for row in rows if row["family"] == family] for family in families}
-    told_once = "`tuned` is `orca_team tuned`, `guided` and `scan` are `team_guided` and `team_scan`."
-    titles = {"solved": f"## Family by family\n\nWorlds solved (%); {told_once}", "arrived": "Robots that arrive (%)."}
+    abbreviations = "`tuned` is `orca_team tuned`, `guided` and `scan` are `team_guided` and `team_scan`."
+    titles = {
+        "solved": f"## Family by family\n\nWorlds solved (%); {abbreviations}",
+        "arrived": "Robots that arrive (%).",
+    }
     for metric, title in titles.items():
         cells = {family: [share(of[family], name, metric, 0).replace(" to ", "-") for name in names] for family in of}
         header = ["family", *(SHORT.get(name, name) for name in names)]
         blocks.append(title + "\n\n" + table([[family, *each] for family, each in cells.items()], header))
-    return told, "\n\n".join(blocks)
+    return comparisons, "\n\n".join(blocks)
 
 
 def people_tables(rows: Sequence[Row]) -> tuple[list[Compared], str]:
     """Returns what agents among people are shown to do beside laws, in comparisons and in tables."""
-    told: list[Compared] = []
+    comparisons: list[Compared] = []
     blocks = []
     for label in PEOPLE_CONTESTS:
         here = [row for row in rows if row["contest"] == label]
@@ -555,14 +558,14 @@ def people_tables(rows: Sequence[Row]) -> tuple[list[Compared], str]:
                 for name in ("extra_time", "intimate_share", "personal_share", "people_slowed")
             ]
             lines.append([law, str(found.worlds), found.shown, later.shown, *(each.shown for each in measures)])
-            told.append(Compared("people_free", law, f"in {label}", found, later, seeds))
+            comparisons.append(Compared("people_free", law, f"in {label}", found, later, seeds))
         if lines:
             header = [
                 "people_free less", "scenes", "success (points)", "extra time (s)", "within 0.45 m (points)",
                 "within 1.2 m (points)", "people slowed (m/s)",
             ]  # fmt: skip
             blocks.append("All but the success is compared in scenes that both solve.\n\n" + table(lines, header))
-    return told, "\n\n".join(blocks)
+    return comparisons, "\n\n".join(blocks)
 
 
 # ---- the advice
@@ -628,8 +631,8 @@ def of_page(teams: Sequence[Row], people: Sequence[Row]) -> list[float]:
     return _ps([*team_tables(teams)[0], *people_tables(people)[0]])
 
 
-def _ps(told: Iterable[Compared]) -> list[float]:
-    return [less.p for each in told for less in (each.found, each.later)]
+def _ps(comparisons: Iterable[Compared]) -> list[float]:
+    return [less.p for each in comparisons for less in (each.found, each.later)]
 
 
 def rival(rows: Sequence[Row], agents: Sequence[str], laws: Sequence[str], metric: str) -> tuple[str, str, list[Row]]:
@@ -652,8 +655,8 @@ def front_parts(teams: Sequence[Row], people: Sequence[Row]) -> Iterator[FrontPa
     agents = tuple(agent for agent in RIVALS if agent in LEAST_ACCESS)
     laws = [law for law in RIVALS["team_scan"] if law not in AGENTS]
     for where, kind in (("in the open", "open"), ("at doors and in rooms", "walls")):
-        for what, told in (("lidar only", False), ("vs. controllers that see bodies", True)):
-            those = tuple(law for law in laws if (law not in LEAST_ACCESS) == told)
+        for what, bodies in (("lidar only", False), ("vs. controllers that see bodies", True)):
+            those = tuple(law for law in laws if (law not in LEAST_ACCESS) == bodies)
             yield f"{where}, {what}", agents, those, "solved", of_kind(small, kind)
     for where, contest in (
         ("on CrowdNav's test cases", "crowdnav"),
@@ -672,8 +675,8 @@ def front(teams: Sequence[Row], people: Sequence[Row]) -> str:
         found = less(here, name, law, metric)
         mine, theirs = ([f"`{each}`", share(here, each, metric), collisions(here, each)] for each in (name, law))
         later = less(here, name, law, "extra_time", metric)
-        told = ", ".join(filter(None, (found.outcome(page_ps), later.pace(page_ps))))
-        lines.append([where, *mine, *theirs, str(found.worlds), found.shown, told, later.shown])
+        verdict = ", ".join(filter(None, (found.outcome(page_ps), later.pace(page_ps))))
+        lines.append([where, *mine, *theirs, str(found.worlds), found.shown, verdict, later.shown])
     of_each = ["solved (%)", "collided (%)"]
     header = [
         "where", "best agent", *of_each, "best controller", *of_each, "scenes", "difference (points)",
@@ -708,11 +711,11 @@ def pages(docs: Path, teams: Sequence[Row], people: Sequence[Row]) -> dict[Path,
     return {docs / CHOOSING: advice(teams, people)}
 
 
-def advised(file: Path, told: str) -> None:
+def advised(file: Path, advice: str) -> None:
     """Writes what is told between the markers of a page, if that is there."""
     if file.is_file():
         try:
-            text = between(file.read_text(encoding="utf-8"), BEGIN, END, [told])
+            text = between(file.read_text(encoding="utf-8"), BEGIN, END, [advice])
         except ValueError as error:
             raise click.ClickException(f"{file.name} {error}") from None
         write_whole(file, text.encode())
@@ -811,12 +814,12 @@ PRINTED = (
 
 def printed(rows: Sequence[Row], names: Sequence[str]) -> str:
     """Returns CrowdNav's cases as others print them, below the policies of this page."""
-    told = [{**row, "near": str(int(float(row["least_gap_people"]) < DISCOMFORT))} for row in rows]
-    reached = [row for row in told if row["success"] == "1"]
+    cases = [{**row, "near": str(int(float(row["least_gap_people"]) < DISCOMFORT))} for row in rows]
+    reached = [row for row in cases if row["success"] == "1"]
     lines = [
         (
-            f"`{name}`, as above", share(told, name, "success"), share(told, name, "collision"),
-            share(reached, name, "time", 2, 1.0), share(told, name, "near"), "",
+            f"`{name}`, as above", share(cases, name, "success"), share(cases, name, "collision"),
+            share(reached, name, "time", 2, 1.0), share(cases, name, "near"), "",
         )
         for name in names
     ]  # fmt: skip
@@ -833,7 +836,7 @@ somebody else, and the agent foresees ways. Here the robot, its period and its a
 
 def counts(rows: Mapping[str, Sequence[Row]]) -> str:
     """Returns how many worlds of a family each policy of each part drove and is counted in, in words."""
-    told = []
+    sentences = []
     for part in ("teams", "people", "cross"):
         driven_by: dict[str, dict[str, set[str]]] = {}
         for row in independent(rows[part]):
@@ -843,8 +846,8 @@ def counts(rows: Mapping[str, Sequence[Row]]) -> str:
         sizes = {name: sorted({*map(len, each.values())}) for name, each in driven_by.items()}
         words = [f"{name} {' or '.join(map(str, each))}" for name, each in sizes.items()]
         if words:
-            told.append(f"{part}: {', '.join(words)}")
-    return "; ".join(told)
+            sentences.append(f"{part}: {', '.join(words)}")
+    return "; ".join(sentences)
 
 
 def tuning() -> str:
@@ -871,12 +874,12 @@ def tuning() -> str:
 
 def page(teams: Sequence[Row], people: Sequence[Row], crossed: Sequence[Row], curves: Sequence[Row], prose: str) -> str:
     """Returns the page of the rows."""
-    told: list[Compared] = []
+    comparisons: list[Compared] = []
     blocks = []
     first = [front(teams, people)] if teams and people else []
     if teams:
-        sentences, shown = team_tables(teams)
-        told += sentences
+        compared, shown = team_tables(teams)
+        comparisons += compared
         blocks.append(shown)
     if crossed:
         blocks.append(
@@ -884,15 +887,15 @@ def page(teams: Sequence[Row], people: Sequence[Row], crossed: Sequence[Row], cu
             f"the diagonal all are. Families {', '.join(CROSS_FAMILIES)}; agents of seed 0.\n\n{cross_table(crossed)}"
         )
     if people:
-        sentences, shown = people_tables(people)
-        told += sentences
+        compared, shown = people_tables(people)
+        comparisons += compared
         blocks.append(shown)
     if curves:
         blocks.append(
             "## Learning curves\n\nOn validation scenarios, of which ten of a family.\n\n" + curve_table(curves)
         )
-    ps = _ps(told)
-    listed = "\n".join(f"* {each.sentence(ps)}" for each in told)
+    ps = _ps(comparisons)
+    listed = "\n".join(f"* {each.sentence(ps)}" for each in comparisons)
     return "\n\n".join([prose.strip(), *first, listed, *blocks]) + "\n"
 
 
@@ -943,24 +946,24 @@ def main(
         "cross": CROSSED,
     }
     if part is not None:
-        asked = of_part[part] if names is None else tuple(names.split(","))
-        unknown = [each for each in asked if each not in of_part[part]]
+        entrants = of_part[part] if names is None else tuple(names.split(","))
+        unknown = [each for each in entrants if each not in of_part[part]]
         if unknown:
             raise click.UsageError(f"--policies has {unknown[0]!r}; choose from {', '.join(of_part[part])}")
         if part == "teams":
-            drive_missing(out / FILES[part], TEAM_FIELDS, team_parts(asked, chosen, worlds, large))
+            drive_missing(out / FILES[part], TEAM_FIELDS, team_parts(entrants, chosen, worlds, large))
         elif part == "people":
-            drive_missing(out / FILES[part], PEOPLE_FIELDS, people_parts(asked, worlds))
+            drive_missing(out / FILES[part], PEOPLE_FIELDS, people_parts(entrants, worlds))
         else:
-            drive_missing(out / FILES[part], CROSS_FIELDS, cross_parts(asked, worlds))
+            drive_missing(out / FILES[part], CROSS_FIELDS, cross_parts(entrants, worlds))
     if curves:
         write(out / FILES["curves"], CURVE_FIELDS, curve_rows(curves))
     if reel is not None:
         write_whole(reel, film())
     rows, text_of_page = page_of(out)
     if rows["teams"] and rows["people"]:
-        for file, told in pages(out.parent, rows["teams"], rows["people"]).items():
-            advised(file, told)
+        for file, advice in pages(out.parent, rows["teams"], rows["people"]).items():
+            advised(file, advice)
     write_whole(out / "flocks.md", text_of_page.encode())
 
 

@@ -195,8 +195,8 @@ def _crowds(kept: Kept) -> Iterator[Match]:
             continue
         agent, law, here = flocks.rival(rows, agents, laws, metric)
         less, later = (flocks.less(here, agent, law, *of) for of in ((metric,), ("extra_time", metric)))
-        told = less.outcome(of_page).partition(", ")[0]
-        outcome, faster = {BETTER: WORSE, WORSE: BETTER, AHEAD: BEHIND, BEHIND: AHEAD}.get(told, told), ""
+        verdict = less.outcome(of_page).partition(", ")[0]
+        outcome, faster = {BETTER: WORSE, WORSE: BETTER, AHEAD: BEHIND, BEHIND: AHEAD}.get(verdict, verdict), ""
         if outcome in (OPEN, EQUIVALENT) and (pace := later.pace(of_page)):
             outcome, faster = WORSE if pace == "faster" else BETTER, f"{abs(later.value):.1f} s sooner"
         gains = "tuned" if law.endswith(flocks.TUNED) else "default"
@@ -230,7 +230,7 @@ def _share(rows: Sequence[Row], name: str, metric: str) -> tuple[float, float, f
 
 def sentences(found: Sequence[Panel]) -> list[str]:
     """Returns a sentence a task: who wins, by how much, in how many scenes."""
-    told = []
+    verdicts = []
     for panel in itertools.chain.from_iterable(map(_bullets, found)):
         clauses: list[str] = []
         before = ""
@@ -241,8 +241,8 @@ def sentences(found: Sequence[Panel]) -> list[str]:
                 f"{'and ' if words == before else ''}{place if words == before else words.format(place)} ({numbers})"
             )
             before = words
-        told.append(f"- **{panel.title}**: {'; '.join(clauses).replace('; and ', ', and ')}.")
-    return told
+        verdicts.append(f"- **{panel.title}**: {'; '.join(clauses).replace('; and ', ', and ')}.")
+    return verdicts
 
 
 def _bullets(panel: Panel) -> Iterator[Panel]:
@@ -408,8 +408,8 @@ def _reel(policy: Any, name: str, scene: int) -> list[Any]:
             image = image.resize((FRAME_PX, FRAME_PX * image.height // image.width), Image.Resampling.LANCZOS)
             pen = ImageDraw.Draw(image)
             pen.rectangle((0, 0, FRAME_PX, 24), fill="white")  # over the renderer's own line, too small here
-            told = f"{name}: goal after {info['time']:.1f} s" if ended else name
-            pen.text((6, 2), told, fill="black", font_size=18)
+            caption = f"{name}: goal after {info['time']:.1f} s" if ended else name
+            pen.text((6, 2), caption, fill="black", font_size=18)
             frames.append(image)
         step += 1
     env.close()

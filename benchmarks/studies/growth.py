@@ -72,8 +72,8 @@ def contenders(folder: Path) -> Iterator[tuple[str, str, int, Contender]]:
     for n in SIZES["map cells"]:
         half = round(n**0.5) // 2
         np.save(folder / f"{n}.npy", rooms[1000 - half : 1000 + half, 1000 - half : 1000 + half])
-        told = {"file": f"{n}.npy", "resolution": 0.1, "origin": [-0.1 * half, -0.1 * half, 0]}
-        file = written(f"map{n}", {"start": [0, 0, 0], "goal": [3, 0, 0], "map": told})
+        map_file = {"file": f"{n}.npy", "resolution": 0.1, "origin": [-0.1 * half, -0.1 * half, 0]}
+        file = written(f"map{n}", {"start": [0, 0, 0], "goal": [3, 0, 0], "map": map_file})
         yield made("map cells", 0, n, NUM_SCANNING, GOAL_REACHING, scenario=file, **scan)
     for n in SIZES["beams"]:
         yield made("beams", 0, n, NUM_SCANNING, GOAL_REACHING, scenario="discs", num_beams=n)

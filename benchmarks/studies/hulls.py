@@ -48,8 +48,8 @@ class Kind:
     @property
     def families(self) -> tuple[str, ...]:
         """Returns the families."""
-        told = self.contest.spec.families
-        return tuple(each for each in self.contest.families("kinematic") if self.moving in (None, told[each].moving))
+        known = self.contest.spec.families
+        return tuple(each for each in self.contest.families("kinematic") if self.moving in (None, known[each].moving))
 
 
 KINDS = {
@@ -102,8 +102,8 @@ def shown(rows: Sequence[dict[str, str]], field: str) -> str:
     """Returns a share in per cent with its interval."""
     values = np.array([float(row[field]) for row in rows])
     ends = share_interval(values, [row["family"] for row in rows])
-    told = f" [{100.0 * ends[0]:.1f}, {100.0 * ends[1]:.1f}]" if ends else ""
-    return f"{100.0 * values.mean():.1f}{told}"
+    interval = f" [{100.0 * ends[0]:.1f}, {100.0 * ends[1]:.1f}]" if ends else ""
+    return f"{100.0 * values.mean():.1f}{interval}"
 
 
 def results(rows: Sequence[dict[str, str]], kind: str) -> str:
@@ -126,9 +126,9 @@ def results(rows: Sequence[dict[str, str]], kind: str) -> str:
 def feasibility(found: dict[str, Any]) -> str:
     """Returns the table of the scenes of each class."""
     lines = [
-        (hull, task.replace("_", " "), told["scenes"], told["proven"], told["as_frozen"], f"`{told['digest']}`")
+        (hull, task.replace("_", " "), counts["scenes"], counts["proven"], counts["as_frozen"], f"`{counts['digest']}`")
         for hull, tasks in found.items()
-        for task, told in tasks.items()
+        for task, counts in tasks.items()
     ]
     header = ("class (m)", "task", "test scenes", "with a proven path", "scenes of the 0.3 m split", "SHA-256 begins")
     return table(lines, header)

@@ -207,9 +207,9 @@ def designs() -> list[Design]:
     return found
 
 
-def covered(asked: tuple[int, int, int]) -> int:
+def covered(job: tuple[int, int, int]) -> int:
     """Returns how many intervals of a design hold the true value: its index, the simulations, and the seed."""
-    index, simulations, seed = asked
+    index, simulations, seed = job
     design = designs()[index]
     rng = np.random.default_rng([seed, index])
     many = _MANY_AGENTS if design.agents > 1 else 1

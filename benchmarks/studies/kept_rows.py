@@ -48,7 +48,7 @@ def thinned(rows: Sequence[Row]) -> dict[str, list[str]]:
     found = {name: episodes.texts(name) for name in _NAMED}
     for name in columns[len(_NAMED) :]:
         values = episodes.numbers(name).tolist()
-        found[name] = [_rounded(value) if name in kept else "" for value, kept in zip(values, shown, strict=True)]
+        found[name] = [_rounded(value) if name in stored else "" for value, stored in zip(values, shown, strict=True)]
     return found
 
 

@@ -64,7 +64,7 @@ TASKS = {
 }
 
 
-class Told(BaseCallback):
+class Validator(BaseCallback):
     """Validates what was learned so far, `VALIDATIONS` times in a run."""
 
     def __init__(self, seen: Any) -> None:
@@ -146,7 +146,7 @@ def run(task: str, name: str, seed: int) -> list[dict[str, Any]]:
     worlds = make_worlds(preset, preset.worlds.env_ids[0])
     worlds.seed(seed)
     model = learner_of(name, preset, worlds, seed)
-    model.learn(STEPS, Told(lambda steps: seen(steps, layers(model))))
+    model.learn(STEPS, Validator(lambda steps: seen(steps, layers(model))))
     seen(model.num_timesteps, layers(model))
     return rows
 
@@ -174,7 +174,7 @@ def figure(rows: Sequence[Mapping[str, Any]]) -> bytes:
     """Returns the figure as PNG: a panel a task, the mean of the seeds in a band from the least to the most."""
     with rc_context(RC):
         drawn = Figure((10.0, 4.6), layout="constrained")
-        for axes, (task, told) in zip(drawn.subplots(1, 2), TASKS.items(), strict=True):
+        for axes, (task, entrants) in zip(drawn.subplots(1, 2), TASKS.items(), strict=True):
             for name in (*COLORS,):
                 steps, shares = curve(rows, task, name)
                 axes.plot(steps, 100.0 * shares.mean(axis=0), color=COLORS[name], label=name)
@@ -185,10 +185,10 @@ def figure(rows: Sequence[Mapping[str, Any]]) -> bytes:
                     alpha=0.2,
                     lw=0,
                 )
-            for law, style in zip(told.laws, ("--", ":"), strict=True):
+            for law, style in zip(entrants.laws, ("--", ":"), strict=True):
                 row = next(each for each in rows if (each["task"], each["learner"]) == (task, law))
                 axes.axhline(100.0 * float(row["success"]), color="#0072B2", ls=style, label=law)
-            axes.set(title=told.title, xlabel="environment steps", ylabel="success (%)", ylim=(-2.0, 102.0))
+            axes.set(title=entrants.title, xlabel="environment steps", ylabel="success (%)", ylim=(-2.0, 102.0))
             axes.set_xscale("log")
             axes.set_xlim(5e3, 3e6)
             axes.set_xticks([1e4, 1e5, 1e6], ["10,000", "100,000", "1 million"])
@@ -217,12 +217,12 @@ def page(rows: Sequence[Mapping[str, Any]]) -> str:
         " On paths, the preset charges up to five times as much for errors as its run goes on; the others pay the "
         "initial price throughout.", "",
     ]  # fmt: skip
-    for task, told in TASKS.items():
+    for task, entrants in TASKS.items():
         cost = "cross-track RMS (mm)" if task == "path following" else "time (s)"
         factor = 1000.0 if task == "path following" else 1.0
         header = ["learner", "steps", "success (%)", "seeds (%)", "failure (%)", cost, "mean speed (m/s)"]
-        lines += [f"## {told.title}", "", f"| {' | '.join(header)} |", "|---" * len(header) + "|"]
-        for name in (*COLORS, *told.laws):
+        lines += [f"## {entrants.title}", "", f"| {' | '.join(header)} |", "|---" * len(header) + "|"]
+        for name in (*COLORS, *entrants.laws):
             ends = [each for each in rows if (each["task"], each["learner"]) == (task, name)]
             ends = [list(each)[-1] for _, each in itertools.groupby(ends, lambda row: row["seed"])]
             found = {

@@ -166,8 +166,8 @@ def main(out: Path | None, kept: bool) -> None:
         raise click.ClickException(f"ziglang is missing: {installs('wasm')}") from None
     with tempfile.TemporaryDirectory() as scratch:
         if "WAYFIELD_WASM" not in os.environ:  # numba's code is asked for, which its cache does not keep
-            told = os.environ | {"WAYFIELD_WASM": "1", "NUMBA_CACHE_DIR": scratch}
-            raise SystemExit(subprocess.run([sys.executable, *sys.argv], env=told).returncode)
+            environment = os.environ | {"WAYFIELD_WASM": "1", "NUMBA_CACHE_DIR": scratch}
+            raise SystemExit(subprocess.run([sys.executable, *sys.argv], env=environment).returncode)
         module, orders = built(Path(scratch))
     content = {"orders": orders, **tables()}
     write_whole(folder / MODULE, module)

@@ -120,8 +120,8 @@ def paper_parts(plants: Sequence[str]) -> Iterator[Part]:
 
             def drives(case: Case = case, plant: str = plant, theirs: Any = theirs) -> list[Sequence[Any]]:
                 row, _ = episodes(Setting("documents", case, plant, "ideal", 0, 1))[0]
-                told = ";".join(f"{name}={row.get(name, float('nan')):.5g}" for name in theirs)
-                return [(_ended(row), told)]
+                figures = ";".join(f"{name}={row.get(name, float('nan')):.5g}" for name in theirs)
+                return [(_ended(row), figures)]
 
             name = f"{case.policy} {case.gains_text}".strip()
             yield {"plant": plant, "document": case.contest, "experiment": case.family, "policy": name}, drives
@@ -339,7 +339,7 @@ def _domain_lines(trained: Sequence[Row]) -> list[str]:
     """Returns the section of agents that were trained with and without the imperfections of the base in MuJoCo."""
     if not trained:
         return []
-    lines, told = [], []
+    lines, means = [], []
     for name, plant in itertools.product(dict.fromkeys(row["training"] for row in trained), PLANTS):
         mine = [row for row in trained if (row["training"], row["plant"]) == (name, plant)]
         shares, errors, speeds = ([float(row[each]) for row in mine] for each in ("success", "error", "speed"))
@@ -349,7 +349,7 @@ def _domain_lines(trained: Sequence[Row]) -> list[str]:
         ]
         lines.append([name, plant, *cells, f"{statistics.fmean(speeds):.2f}"])
         if plant == PLANTS[-1]:
-            told.append(
+            means.append(
                 f"{1000.0 * statistics.fmean(errors):.1f} mm and {100.0 * statistics.fmean(shares):.1f} % ({name})"
             )
     header = ("trained on", "test paths on", "success (%), each seed", "IQM of errors (mm), each seed", "speed (m/s)")
@@ -364,7 +364,7 @@ def _domain_lines(trained: Sequence[Row]) -> list[str]:
         "",
         table(lines, header),
         "",
-        f"Means of the seeds in MuJoCo: {'; '.join(told)}.",
+        f"Means of the seeds in MuJoCo: {'; '.join(means)}.",
     ]
 
 

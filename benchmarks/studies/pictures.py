@@ -87,7 +87,7 @@ def example(spec: TaskSpec, family: str) -> Any:
 
 def digest(spec: TaskSpec) -> str:
     """Returns a digest of what the sheet of a task shows: its families and their scenarios, in whole micrometres."""
-    told = hashlib.sha256()
+    sha = hashlib.sha256()
     for family in spec.families:
         scenario = example(spec, family)
         if spec.on_path:
@@ -98,8 +98,8 @@ def digest(spec: TaskSpec) -> str:
         else:
             there = [scenario.obstacles[name] for name in ("x", "y", "half_length", "half_width", "radius")]
             numbers = np.concatenate([scenario.start, scenario.goal, *there])
-        told.update(family.encode() + np.rint(1e6 * np.asarray(numbers, np.float64)).astype("<i8").tobytes())
-    return told.hexdigest()
+        sha.update(family.encode() + np.rint(1e6 * np.asarray(numbers, np.float64)).astype("<i8").tobytes())
+    return sha.hexdigest()
 
 
 def sheet(spec: TaskSpec) -> Figure:
@@ -186,11 +186,11 @@ def _scale(axis: Any, points: Any) -> None:
     axis.text(left + 1.15, low, "1 m", va="center", fontsize=9, color=SOLID)
 
 
-def _png(image: Any, told: str = "") -> bytes:
+def _png(image: Any, comment: str = "") -> bytes:
     """Returns a picture of PIL as a PNG of few colours, with a text in it."""
     info = PngImagePlugin.PngInfo()
-    if told:
-        info.add_text(DIGEST, told)
+    if comment:
+        info.add_text(DIGEST, comment)
     content = io.BytesIO()
     image.convert("RGB").quantize(_COLOURS, dither=Image.Dither.NONE).save(content, "PNG", optimize=True, pnginfo=info)
     return content.getvalue()
@@ -220,7 +220,7 @@ def driven(env_id: str, shown: Film) -> tuple[bytes, bytes]:
             assert frame is not None
             frames += [frame] * (4 if moment.last else 1)
     env.close()
-    click.echo(f"{env_id}: {shown.policy} in {shown.scenario} {shown.index}: {drive.told}")
+    click.echo(f"{env_id}: {shown.policy} in {shown.scenario} {shown.index}: {drive.status}")
     film = b"".join(gif(frames, _SKIP * drive.single.task.options.dt / _PACE))
     return _png(Image.fromarray(way.picture(_PICTURE_PX))), film
 

@@ -174,8 +174,8 @@ def gathered(section: Section, folder: Path) -> dict[str, bytes]:
             found[section.place(name)] = file.read_bytes()
     rows = read_rows(folder) if EPISODES in listed else Episodes()
     if rows:
-        kept = thinned(rows) if section.of_contest else {name: rows.texts(name) for name in rows.names}
-        found[f"{ROWS}/{section.name}{SUFFIX}"] = content = packed(kept)
+        columns = thinned(rows) if section.of_contest else {name: rows.texts(name) for name in rows.names}
+        found[f"{ROWS}/{section.name}{SUFFIX}"] = content = packed(columns)
         found |= tables(section, unpacked(content, section.name), command, found.get(decisions_of(section), b""))
     if not any(section.place(name) in found for name in section.tables):
         raise ValueError(f"{folder} has none of the tables {', '.join(section.tables)}")
@@ -200,9 +200,9 @@ def tables(section: Section, rows: Sequence[Row], command: str, decisions: bytes
     if section.name == DOCUMENTS:
         *whole, compared = document_tables(Episodes.of(rows), documents())
         files = [name for name in section.tables if name != TABLE]
-        told = [f"## {each.title}\n\n{len(each.rows)} lines, [as a file]({file}). {each.note}\n"
+        blocks = [f"## {each.title}\n\n{len(each.rows)} lines, [as a file]({file}). {each.note}\n"
                 for file, each in zip(files, whole, strict=True)]  # fmt: skip
-        page = "\n".join((*told, compared.markdown()))
+        page = "\n".join((*blocks, compared.markdown()))
         cells = {section.place(file): each.csv().encode() for file, each in zip(files, whole, strict=True)}
         return {section.place(TABLE): page.encode(), **cells}
     if not section.of_contest:

@@ -71,8 +71,8 @@ class Reproduced:
     @property
     def words(self) -> str:
         """Returns what was found, in words."""
-        told = f"{self.same} of {self.sampled} samples reproduce"
-        return f"{told} ({self.other[0]})" if self.other else told
+        sentence = f"{self.same} of {self.sampled} samples reproduce"
+        return f"{sentence} ({self.other[0]})" if self.other else sentence
 
 
 def check(section: Section, kept: Kept, most: int | None = None) -> Reproduced:
@@ -127,10 +127,10 @@ def _grouped(rows: Iterable[Row], names: Sequence[str]) -> list[list[Row]]:
     return list(grouped([{**row, "": "\t".join(row.get(name, "") for name in names)} for row in rows], "").values())
 
 
-def _driven(kept: Sequence[Row]) -> Sequence[Row]:
+def _driven(rows: Sequence[Row]) -> Sequence[Row]:
     """Returns the rows of the first episodes of a case of a contest or a document, driven today."""
-    row = kept[0]
-    setting = Setting(row["suite"], _case(row), row["dynamics"], row["actuators"], int(row["seed"]), len(kept))
+    row = rows[0]
+    setting = Setting(row["suite"], _case(row), row["dynamics"], row["actuators"], int(row["seed"]), len(rows))
     if row["contest"] in TITLES:
         return _texts([today for today, _ in episodes(setting)])
     return _lines(thinned([today for today, _ in played(setting)]))
@@ -177,9 +177,9 @@ def _of_coverage(table: str) -> Iterator[Sample]:
         yield functools.partial(again, k), [{column: lines[k][column]}]
 
 
-def _difference(today: Row, kept: Row) -> str:
+def _difference(today: Row, published: Row) -> str:
     """Returns the first cell of a row that is not as it was; "" where all are."""
-    for name, cell in kept.items():
+    for name, cell in published.items():
         if name and name not in _WORDS and today.get(name, "") != cell:
             return f"{name} is {today.get(name, '')!r}, was {cell!r}"
     return ""

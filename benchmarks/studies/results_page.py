@@ -115,13 +115,13 @@ class Made:
     def sentence(self) -> str:
         """Returns what made the tables, and how a sample of them came out since."""
         where = f", commit {self.commit}" if self.commit else ""
-        told = f"Made by `{self.command}`, wayfield {self.version}{where}, {self.date}; {self.scenarios} scenarios."
+        text = f"Made by `{self.command}`, wayfield {self.version}{where}, {self.date}; {self.scenarios} scenarios."
         if not self.sampled:
-            return f"{told} No sample of it was driven again."
+            return f"{text} No sample of it was driven again."
         if self.stale:
             other = self.sampled - self.same
-            return f"**Stale: on {self.checked}, {other} of {self.sampled} samples came out otherwise.** {told}"
-        return f"{told} On {self.checked}, {self.same} of {self.sampled} samples reproduced."
+            return f"**Stale: on {self.checked}, {other} of {self.sampled} samples came out otherwise.** {text}"
+        return f"{text} On {self.checked}, {self.same} of {self.sampled} samples reproduced."
 
 
 class Kept:
@@ -238,9 +238,9 @@ def _leaderboard(entries: Mapping[str, Submission]) -> str:
         lines = []
         found.sort(key=lambda each: (-each[2]["success"].mean(), solved_mean(each[2], cost.metric, contest)))
         for name, each, rows in found:
-            told = each.card["entry"]
+            entry = each.card["entry"]
             cells = [success_cell(rows), solved_mean_cell(rows, cost.metric, contest), each.first["knows"]]
-            lines.append([f"{_named((told['policy'], told['gains_name']))}: [{name}]({name}/card.json)", *cells])
+            lines.append([f"{_named((entry['policy'], entry['gains_name']))}: [{name}]({name}/card.json)", *cells])
         unit = "mm" if cost.unit == "m" else cost.unit
         header = ["entry", "success (%)", f"{cost.name} ({unit})", "inputs"]
         disturbed = "" if disturbance == "none" else f", {disturbance} disturbance"
@@ -384,15 +384,15 @@ def _boards(rows: Sequence[Mapping[str, str]]) -> Iterator[str]:
 
 def _verdicts(rows: Sequence[Mapping[str, str]], verdicts: Sequence[Verdict]) -> Iterator[str]:
     """Yields every comparison of a page, a table a condition and policy; of several conditions the verdicts alone."""
-    told: dict[tuple[str, str, str], list[tuple[Mapping[str, str], Verdict]]] = {}
+    by_pair: dict[tuple[str, str, str], list[tuple[Mapping[str, str], Verdict]]] = {}
     for row, verdict in zip(rows, verdicts, strict=True):
-        told.setdefault((row["condition"], row["scenes"], row["policy"]), []).append((row, verdict))
-    conditions = list(dict.fromkeys(condition for condition, *_ in told))
+        by_pair.setdefault((row["condition"], row["scenes"], row["policy"]), []).append((row, verdict))
+    conditions = list(dict.fromkeys(condition for condition, *_ in by_pair))
     main = next((each for each in conditions if all(other.startswith(each) for other in conditions)), "")
     several = [each for each in conditions if each != main] if len(conditions) > 2 else []
     if len(several) < len(conditions):
         yield "Differences are those of the policy in the heading less the other's, with the corrected p."
-    for (condition, scenes, policy), found in told.items():
+    for (condition, scenes, policy), found in by_pair.items():
         if condition in several:
             continue
         by, unit = found[0][0]["compared by"], found[0][0]["unit"]
@@ -405,34 +405,34 @@ def _verdicts(rows: Sequence[Mapping[str, str]], verdicts: Sequence[Verdict]) ->
             )
         yield f"### {_place(condition, scenes)}: {policy}"
         yield _table(["beside", "inputs", "is", "success (points)", f"{by} where both succeed ({unit})"], lines)
-    yield from _side_by_side({key: each for key, each in told.items() if key[0] in several}, several)
+    yield from _side_by_side({key: each for key, each in by_pair.items() if key[0] in several}, several)
 
 
 _SHORT = ((" successes", ""), ("(not significant)", "(n. s.)"))  # in a column a condition
 
 
 def _side_by_side(
-    told: Mapping[tuple[str, str, str], Sequence[tuple[Mapping[str, str], Verdict]]], conditions: Sequence[str]
+    verdicts: Mapping[tuple[str, str, str], Sequence[tuple[Mapping[str, str], Verdict]]], conditions: Sequence[str]
 ) -> Iterator[str]:
     """Yields the verdicts of several conditions, a column each, in a table a kind of scenes and policy."""
-    if not told:
+    if not verdicts:
         return
     common = ", ".join(
         words
         for words, *others in zip(*(each.split(", ") for each in conditions), strict=False)
         if {*others} == {words}
     )
-    by = " and ".join(dict.fromkeys(row["compared by"] for found in told.values() for row, _ in found))
+    by = " and ".join(dict.fromkeys(row["compared by"] for found in verdicts.values() for row, _ in found))
     yield (
         f"In each condition, by success and {by}; more and fewer are of successes, n. s. is not significant, an "
         "empty cell a set of gains that did not drive there. Every difference, with its "
         "interval and p, is in the file of them below."
     )
-    for scenes, policy in dict.fromkeys(key[1:] for key in told):
+    for scenes, policy in dict.fromkeys(key[1:] for key in verdicts):
         names: dict[str, dict[str, str]] = {}
         for condition in conditions:
-            for row, verdict in told.get((condition, scenes, policy), ()):
-                words = functools.reduce(lambda told, pair: told.replace(*pair), _SHORT, _short(verdict))
+            for row, verdict in verdicts.get((condition, scenes, policy), ()):
+                words = functools.reduce(lambda text, pair: text.replace(*pair), _SHORT, _short(verdict))
                 names.setdefault(row["beside"], {})[condition] = words
         heads = [each.removeprefix(f"{common}, ").partition(",")[0].removesuffix(" disturbance") for each in conditions]
         lines = [[name, *(words.get(each, "") for each in conditions)] for name, words in names.items()]
@@ -446,8 +446,8 @@ def _place(condition: str, scenes: str) -> str:
 
 def _short(verdict: Verdict) -> str:
     """Returns the words that decide a verdict: without the success where time or error do; "tie" where none does."""
-    told = verdict.words.rpartition("; ")[2]
-    return OPEN if verdict.outcome == OPEN and told != verdict.words else told
+    words = verdict.words.rpartition("; ")[2]
+    return OPEN if verdict.outcome == OPEN and words != verdict.words else words
 
 
 def _with_p(cell: str, p: str) -> str:
@@ -471,8 +471,8 @@ def _front(kept: Kept, folder: str) -> list[str]:
 
 def _there(board: Sequence[Mapping[str, str]], kinds: Sequence[str]) -> tuple[str, ...]:
     """Returns the kinds of scenes that a leaderboard has rows of, or "" where it tells none apart."""
-    told = {row["scenes"] for row in board}
-    return tuple(kind for kind in kinds if kind in told) or ("",)
+    sizes = {row["scenes"] for row in board}
+    return tuple(kind for kind in kinds if kind in sizes) or ("",)
 
 
 _TIME, _AREA, _BOTH = "acquisition (s)", "area (mm s)", "settling (s, mm s)"  # in one column
@@ -528,7 +528,7 @@ def best_sets(rows: Sequence[Row], held: set[tuple[str, str]]) -> list[Row]:
 
 def at_pace(board: Sequence[Row], lines: Sequence[Row]) -> set[tuple[str, str]]:
     """Returns the entries that hold the requested speed in the mean over all scenes; all where none is requested."""
-    asked = float(lines[0]["asked (m/s)"] or "nan") if lines else math.nan
+    requested = float(lines[0]["asked (m/s)"] or "nan") if lines else math.nan
     counts = {line["scenes"]: float(line["scenarios"]) for line in lines}
     found = set()
     for entry in {entry_of(row) for row in board}:
@@ -538,7 +538,7 @@ def at_pace(board: Sequence[Row], lines: Sequence[Row]) -> set[tuple[str, str]]:
             if entry_of(row) == entry
         ]
         speed = sum(speed * count for speed, count in mine) / max(sum(count for _, count in mine), 1.0)
-        if not abs(speed - asked) > PACE_TOLERANCE * asked:
+        if not abs(speed - requested) > PACE_TOLERANCE * requested:
             found.add(entry)
     return found
 
@@ -567,12 +567,12 @@ def _beside(lines: Sequence[Mapping[str, str]], row: Mapping[str, str], agent: t
     return "" if found is None else _short(found[0])
 
 
-Told = tuple[Task, Sequence[Mapping[str, str]], Sequence[Mapping[str, str]]]
+Contested = tuple[Task, Sequence[Mapping[str, str]], Sequence[Mapping[str, str]]]
 
 
-def _sentences(found: Sequence[Told]) -> str:
+def _sentences(found: Sequence[Contested]) -> str:
     """Returns which policy without a map comes first at each task, and who is equivalent, ties or is behind."""
-    told = ["The best policies without a map:\n"]
+    text = ["The best policies without a map:\n"]
     for (heading, _, _, kinds), board, lines in found:
         for kind in kinds:
             here = [row for row in board if row["scenes"] == kind and not _has_map(row)]
@@ -583,8 +583,8 @@ def _sentences(found: Sequence[Told]) -> str:
             for nearness, words in _NEAR.items():
                 if names := [name for name, each in outcomes if each == nearness]:
                     parts.append(f"{' and '.join(names)} {words[len(names) > 1]}")
-            told.append(f"- **{_SCENES.get(f'{heading}, {kind}', heading)}**: {'; '.join(parts)}.")
-    return "\n".join([*told, f"\nEquivalent: within {MARGINS}. Tie: no significant difference."])
+            text.append(f"- **{_SCENES.get(f'{heading}, {kind}', heading)}**: {'; '.join(parts)}.")
+    return "\n".join([*text, f"\nEquivalent: within {MARGINS}. Tie: no significant difference."])
 
 
 _BEHIND = "behind, not significantly"
@@ -671,9 +671,9 @@ def disagreements(kept: Kept, advice: str) -> list[str]:
     It is compared with the first entry of the same access in those scenes; who was not measured there is left out.
     """
     found = []
-    for policy, told in re.findall(r"^\| `(\w+)` \| (.+?) \|$", advice, re.MULTILINE):
+    for policy, advised_for in re.findall(r"^\| `(\w+)` \| (.+?) \|$", advice, re.MULTILINE):
         for said, kind in SAID.items():
-            for task, _, stem, kinds in TASKS if said in told else ():
+            for task, _, stem, kinds in TASKS if said in advised_for else ():
                 board, lines = kept.rows(f"{stem}_board"), kept.rows(f"{stem}_pairs")
                 if kind not in kinds or (kind == "moving obstacles" and len(kinds) > 1):
                     continue  # who moves past a dock is not what stands around a goal
@@ -783,13 +783,13 @@ _CARD_HEADER = ["agents", "seeds", "driven", "success (%)", "collision (%)", "mm
 
 def _cards_page(lines: list[list[str]]) -> str:
     """Returns the page of what the agents' cards say."""
-    told = (
+    sentences = (
         "Measured on the validation split, by which an agent is chosen among those of its training, or on default "
         "scenarios, when it was trained: no result of a contest. Means of the seeds, in brackets the least and the "
         "greatest; of paths the error is the mean RMS cross-track error in mm, else it is the time in s, both of the "
         "successes. Every card is in the package."
     )
-    return "\n\n".join(("# What the agents' cards say", told, _table(_CARD_HEADER, lines))) + "\n"
+    return "\n\n".join(("# What the agents' cards say", sentences, _table(_CARD_HEADER, lines))) + "\n"
 
 
 @functools.cache
@@ -822,8 +822,8 @@ def _driven(measured: Mapping[str, Any], paced: bool) -> str:
     how = measured["env_kwargs"]
     beams = f", {how['num_beams']} beams" if "num_beams" in how else ""
     disturbed = f", {how['disturbance']} disturbance" if "disturbance" in how else ""
-    asked = f", asked for {measured['asked_speed']:g} m/s" if paced else ""  # a reference sets the speed itself
-    return f"{how['scenario']}, {how['actuators']}{beams}{disturbed}{asked}"
+    requested = f", asked for {measured['asked_speed']:g} m/s" if paced else ""  # a reference sets the speed itself
+    return f"{how['scenario']}, {how['actuators']}{beams}{disturbed}{requested}"
 
 
 def _spread(numbers: Sequence[float], decimals: int) -> str:

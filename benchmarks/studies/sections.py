@@ -51,7 +51,7 @@ class Section:
         return f"{KEPT}/{self.name}_table.md" if file == TABLE else f"{KEPT}/{self.within}{file}"
 
 
-_MAP_TOLD = "Policies that know the map are told what the others must find out. Simulation only."
+_MAP_NOTE = "Policies that know the map are told what the others must find out. Simulation only."
 _SPEED = "Simulation only; noise and disturbances are in the section of their own."
 BOARD = "Leaderboard"
 CLAIMS = "What the agents win, and what they do not"
@@ -74,7 +74,7 @@ def _goals(robot: str, wheels: str) -> Section:
             f"{stem}_seeds.csv": "Each agent by itself",
             f"{stem}_better.csv": "Better than, in pairs",
         },
-        _MAP_TOLD,
+        _MAP_NOTE,
     )
 
 
@@ -105,11 +105,11 @@ _MAIN = (
 def _claims(contest: Contest, robot: str = "p3dx", policies: Sequence[str] = ()) -> Section:
     """Returns the section of a contest with a robot, on the split that tells small differences."""
     stem, default = f"{contest.stem}_{robot}", robot == "p3dx"
-    asked = f"--split claims --policies {','.join(policies or contest.claims)}"
+    options = f"--split claims --policies {','.join(policies or contest.claims)}"
     return Section(
         f"{contest.name}-claims" if default else f"{contest.name}-{robot}-claims",
         f"{contest.spec.title}, {'P3DX' if default else robot}, a hundred other scenarios a family",
-        f"python evaluate.py --suite {contest.name}{'' if default else f' --robot {robot}'} {asked}",
+        f"python evaluate.py --suite {contest.name}{'' if default else f' --robot {robot}'} {options}",
         {
             f"{stem}_board.csv": BOARD,
             f"{stem}_pairs.csv": CLAIMS,

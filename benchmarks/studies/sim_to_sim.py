@@ -76,10 +76,10 @@ def identified(robot: Robot, folder: Path) -> Robot:
     sheet = folder / "base.json"
     sheet.write_text(json.dumps(robot.sheet | {"sources": {}}))
     words = ["identify", str(excited(robot, folder)), "--robot", str(sheet), "--out", str(out)]
-    told = subprocess.run([sys.executable, "-c", _COMMAND, *words], capture_output=True, text=True, check=False)
-    if told.returncode:
-        raise click.ClickException(told.stderr.strip())
-    click.echo(told.stdout)
+    done = subprocess.run([sys.executable, "-c", _COMMAND, *words], capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise click.ClickException(done.stderr.strip())
+    click.echo(done.stdout)
     return read_robot(str(out))
 
 
@@ -106,7 +106,7 @@ def rows_of(name: str) -> list[tuple[Any, ...]]:
         folder = Path(place)
         mine = identified(robot, folder)
         numbers = {"track": 2.0 * mine.wheels[1].y, "gain": mine.gain, "lag": mine.lag, "delay": mine.delay}
-        told = ";".join(
+        parameters = ";".join(
             f"{what}={' '.join(f'{each:.4f}' for each in np.atleast_1d(np.asarray(value)).tolist())}"
             for what, value in numbers.items()
         )
@@ -120,7 +120,7 @@ def rows_of(name: str) -> list[tuple[Any, ...]]:
                 turned = abs(math.remainder(ours[-1, 2] - true[-1, 2], 2.0 * math.pi))
                 speeds = np.sqrt(((ours[:, 3:] - true[:, 3:]) ** 2).mean(axis=0)).tolist()
                 numbers_of = (metres, apart, turned, *speeds)
-                found.append((sheet, k, *(f"{each:.4g}" for each in numbers_of), told if sheet != "own" else ""))
+                found.append((sheet, k, *(f"{each:.4g}" for each in numbers_of), parameters if sheet != "own" else ""))
     return found
 
 

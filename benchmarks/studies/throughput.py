@@ -161,8 +161,8 @@ def scanning() -> list[Contender]:
         maps["a building"] = building(rng)
         for name, occupied in maps.items():
             np.save(Path(folder) / "map.npy", occupied)
-            told = {"file": "map.npy", "resolution": 0.1, "origin": [-100, -100, 0]}
-            scenario = {"start": [0, 0, 0], "goal": [3, 0, 0], "map": told}
+            map_file = {"file": "map.npy", "resolution": 0.1, "origin": [-100, -100, 0]}
+            scenario = {"start": [0, 0, 0], "goal": [3, 0, 0], "map": map_file}
             contender(f"goal reaching, 72 rays, 2,000 x 2,000 cells, {name}", scenario)
     cartpole = vector_steps(CARTPOLE, NUM_SCANNING)
     return [*found, Contender(CARTPOLE, NUM_SCANNING, cartpole, cartpole=True)]
@@ -403,9 +403,9 @@ def resident_with(env_id: str, count: int) -> int:
     envs = gymnasium.make_vec(env_id, count, vectorization_mode="vector_entry_point")
     envs.reset(seed=0)
     action = np.zeros(envs.action_space.shape or (), np.float32)
-    told = [envs.step(action) for _ in range(3)][-1]
+    step = [envs.step(action) for _ in range(3)][-1]
     resident = _resident()
-    del told
+    del step
     return resident
 
 

@@ -180,10 +180,10 @@ class Search:
     def ranges(self) -> Mapping[str, Range]:
         """Returns the gains that are searched, and where: not those that hold the asked speed."""
         found = {**search_space(self.policy, self.contest.name), **self.given}
-        return {name: each for name, each in found.items() if name not in self.asked}
+        return {name: each for name, each in found.items() if name not in self.pace_gains}
 
     @property
-    def asked(self) -> dict[str, float]:
+    def pace_gains(self) -> dict[str, float]:
         """Returns the gains by which a policy holds the asked speed in a crowd, where its mean is not searched."""
         crowd = self.contest.spec.name in CROWDS
         return (
@@ -193,7 +193,7 @@ class Search:
     def gains_at(self, gains: Mapping[str, float], factor: float = 1.0) -> dict[str, Any]:
         """Returns gains, those of a path follower with the cruising speed that is `factor` times the requested one."""
         if not self.paced:
-            return {**gains, **self.asked}
+            return {**gains, **self.pace_gains}
         speed = rounded(factor * self.speed)
         return {**gains, **{k: rounded(v) for k, v in wayfield.policies.cruising(self.policy, gains, speed).items()}}
 
@@ -805,7 +805,7 @@ def given_ranges(search: Search, texts: Sequence[str]) -> dict[str, Range]:
         if not low < high or not low <= default <= high:
             raise click.UsageError(f"--range {text!r} must go from low to high about the default, {default:g}")
         paced = wayfield.policies.cruising(search.policy, {name: default}, search.speed) if search.paced else {}
-        if name in {*paced, *search.asked}:
+        if name in {*paced, *search.pace_gains}:
             raise click.UsageError(f"--range {text!r}: {name} holds the asked speed, {search.speed:g} m/s")
         known = search.ranges.get(name)
         found[name] = Range(low, high, low > 0.0 and (known is None or known.log or known.low == 0.0))
@@ -819,8 +819,8 @@ def starting_gains(policy: str, suite: str, known: str) -> dict[str, float]:
     start = {name: float(gains[name]) for name in search_space(policy, suite) if name in gains}
     if not ALL_CONTESTS[suite].speeds:
         return start
-    asked = wayfield.policies.cruising(policy, gains, float(speed))
-    return start | {"pace": rounded(max(float(gains[name]) / value for name, value in asked.items()))}
+    cruise = wayfield.policies.cruising(policy, gains, float(speed))
+    return start | {"pace": rounded(max(float(gains[name]) / value for name, value in cruise.items()))}
 
 
 def _check_file(file: Path, force: bool) -> None:

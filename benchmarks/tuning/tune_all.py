@@ -31,10 +31,10 @@ def searches() -> Iterator[Wanted]:
     of_paths += [(robot, PACE, "none") for robot in ("omni3", "omni4")]
     of_goals = [(robot, PACE, "none") for robot in ("p3dx", "omni3", "omni4")] + [("p3dx", PACE, ROBUST_LEVEL)]
     of_timed = [of_goals[0], of_goals[1], of_goals[3]]
-    kept = {paths.name: of_paths, goals.name: of_goals, "trajectory-tracking": of_timed}
-    for k in range(max(map(len, kept.values()))):
+    chosen = {paths.name: of_paths, goals.name: of_goals, "trajectory-tracking": of_timed}
+    for k in range(max(map(len, chosen.values()))):
         for contest in (paths, goals, *others):
-            wanted = kept.get(contest.name, of_goals[:1])
+            wanted = chosen.get(contest.name, of_goals[:1])
             for name in contest.policies if k < len(wanted) else ():
                 if name in SEARCHED and not lacks(policies.make(name), ROBOTS[wanted[k][0]]):
                     yield contest.name, name, *wanted[k]

@@ -93,7 +93,7 @@ def _client(address: str, security: Any) -> Any:
     if not _ADDRESS.fullmatch(address):
         raise NoScheduler("is no address; it must be like tcp://host:8786 or tls://host:8786, or local")
     try:
-        found = asyncio.run(_asked_for_versions(address, security))
+        found = asyncio.run(_versions_at(address, security))
     except Exception as error:  # whatever answers there, of whatever version
         why = " ".join(str(error).split()) or type(error).__name__
         raise NoScheduler(f"is no scheduler that can be reached within {_CONNECT:g} s: {why[:300]}") from None
@@ -106,7 +106,7 @@ def _client(address: str, security: Any) -> Any:
     return _dask().Client(address, timeout=_CONNECT, set_as_default=False, security=security)
 
 
-async def _asked_for_versions(address: str, security: Any) -> Any:
+async def _versions_at(address: str, security: Any) -> Any:
     """Returns what a scheduler says of its versions, before anything else is made of it."""
     distributed = _dask()
     security = security or distributed.Security()
@@ -161,7 +161,7 @@ class _Cluster(Executor):
         more: dict[str, Any] = {}
         if self._refused and (taken := set(self._workers()) - self._refused):
             more = {"workers": sorted(taken), "allow_other_workers": True}  # where none of them is left
-        future: Future[Any] = self._executor.submit(_asked, function, item, self._mine, **more)
+        future: Future[Any] = self._executor.submit(_worked, function, item, self._mine, **more)
         return future
 
     def _look(self) -> None:
@@ -181,7 +181,7 @@ class _Cluster(Executor):
         return True
 
 
-def _asked(function: Callable[[Any], Any], item: Any, wanted: dict[str, str]) -> Any:
+def _worked(function: Callable[[Any], Any], item: Any, wanted: dict[str, str]) -> Any:
     """Returns what a function makes of an item; raises Refused where the worker's installation is another."""
     if other := differences(identity(), wanted):
         raise Refused(_dask().get_worker().address, other)

@@ -29,7 +29,7 @@ TRIES = 2  # of an item on machines that may fail for reasons of their own
 _AHEAD = 10_000  # items that are handed over before the first has come back: what a scheduler holds with ease
 _LOOK = 5.0  # s without a result, after which an executor looks whether any worker is left
 _KILLED = "a worker process was killed, as a system does that runs out of memory; fewer --workers need less"
-_TOLD = 3  # failed items that are named
+_NAMED = 3  # failed items that are named
 
 
 def cores() -> int:
@@ -62,8 +62,8 @@ class Failed(RuntimeError):
         self.failures = failures
         self.done: Any = None
         often = {1: "once", 2: "twice"}.get(tries, f"{tries} times")
-        named = [f"{item} ({_told(error)})" for item, error in failures[:_TOLD]]
-        more = [f"and {len(failures) - _TOLD} more"] if len(failures) > _TOLD else []
+        named = [f"{item} ({_line_of(error)})" for item, error in failures[:_NAMED]]
+        more = [f"and {len(failures) - _NAMED} more"] if len(failures) > _NAMED else []
         super().__init__(f"{len(failures)} of {total} failed {often}: {'; '.join(named + more)}")
 
 
@@ -227,7 +227,7 @@ def _begin(parent: int) -> None:
     end_with_parent(parent)
 
 
-def _told(error: BaseException) -> str:
+def _line_of(error: BaseException) -> str:
     """Returns an error in a line."""
     return " ".join(f"{type(error).__name__}: {error}".split())[:300]
 

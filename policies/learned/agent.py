@@ -274,11 +274,11 @@ class Agent(Gains):
         perception = self.perception(briefing)
         if perception.num_inputs != self.network.sizes[0]:
             raise ValueError(f"{name} has a network of {self.network.sizes[0]} inputs, not of {perception.num_inputs}")
-        told = out_of_distribution(self.card, briefing, self.speed)
-        news = told.partition(";")[0]  # the same of all seeds, whatever each of them was measured at
+        warning = out_of_distribution(self.card, briefing, self.speed)
+        news = warning.partition(";")[0]  # the same of all seeds, whatever each of them was measured at
         if news and news not in _WARNED:
             _WARNED.add(news)
-            warnings.warn(told, NewToAgent, stacklevel=2)
+            warnings.warn(warning, NewToAgent, stacklevel=2)
         parts: dict[str, NDArray[Any]] = {"network": perception.fresh(briefing.num_envs)}
         if self.controller is not None:
             parts["base"] = self.controller.reset(briefing)
@@ -310,12 +310,12 @@ class Agent(Gains):
         speeds = np.full(len(memory), speed)
         if self.keeps_pace:
             # what the mean on other paths was is nothing to go by
-            as_told = {**self.card, "cruises": {}}
+            uncruised = {**self.card, "cruises": {}}
             most = max([self.speed, *self.card.get("trained_on", {}).get("speeds", [])])
-            low, high = (network_speed(as_told, briefing, each) for each in (self.speed, most))
+            low, high = (network_speed(uncruised, briefing, each) for each in (self.speed, most))
             late = kept_pace(self.speed, memory["pace"], observation.twist, briefing.dt)
             speeds = np.clip(low + late / self.pace_time, 0.5 * low, high)
-        asked = None
+        requested = None
         own, measured = memory, observation
         actuators, held = effective_actuators(self.card, briefing), None
         if memory.dtype.names and "network" in memory.dtype.names:
@@ -327,14 +327,14 @@ class Agent(Gains):
             observation = observation._replace(twist=observation.twist + lead)
         if self.controller is not None:
             under = memory["base"].copy()
-            asked = asks(self.base, self.controller)(observation, briefing, under)
+            requested = asks(self.base, self.controller)(observation, briefing, under)
             memory["base"] = under
         features = perception.features
         limits = limits_of(features, actuators) if features.limits else None
-        inputs, angles = perception.inputs(observation, speeds, own, asked, limits)
+        inputs, angles = perception.inputs(observation, speeds, own, requested, limits)
         actions = np.clip(self.network(inputs), -1.0, 1.0)
         perception.remember(inputs, actions, own)
-        twists = commanded(perception.actions, self.base, actions, asked, speeds, angles, robot)
+        twists = commanded(perception.actions, self.base, actions, requested, speeds, angles, robot)
         if self.base is not None and self.base.guards:
             twists = self.controller.keep_clear(observation, briefing, twists)  # type: ignore[union-attr]
         tolerances = briefing.position_tolerance, briefing.heading_tolerance
@@ -427,7 +427,7 @@ def commanded(
     meaning: Actions,
     base: Base | None,
     actions: NDArray[Any],
-    asked: NDArray[np.float64] | None,
+    requested: NDArray[np.float64] | None,
     speeds: NDArray[np.float64],
     angles: NDArray[np.float64],
     robot: Robot,
@@ -441,11 +441,11 @@ def commanded(
         speeds: (b,) m/s, asked of the agent.
         angles: (b,) rad, of the frames of the actions.
     """
-    if base is None or asked is None:
+    if base is None or requested is None:
         return meaning.twists(actions, speeds, angles, robot)
     if base.guards:
-        return meaning.wished(asked, actions, base.reach, speeds, angles)
-    return meaning.added(asked, actions, base.reach, speeds, angles, robot)
+        return meaning.wished(requested, actions, base.reach, speeds, angles)
+    return meaning.added(requested, actions, base.reach, speeds, angles, robot)
 
 
 def save_agent(

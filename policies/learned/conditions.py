@@ -207,10 +207,10 @@ def commanded_speed(cruise: Sequence[Sequence[float]], speed: float, most: float
     """
     if not cruise:
         return speed
-    told, driven = zip(*cruise, strict=True)
+    requested, driven = zip(*cruise, strict=True)
     if speed > driven[-1]:
-        return float(told[-1] if told[-1] < most else max(told[-1], speed))
-    return float(np.interp(speed, (0.0, *driven), (0.0, *told)))
+        return float(requested[-1] if requested[-1] < most else max(requested[-1], speed))
+    return float(np.interp(speed, (0.0, *driven), (0.0, *requested)))
 
 
 def kept_pace(speed: float, paced: NDArray[np.float64], twists: NDArray[np.float64], dt: float) -> NDArray[np.float64]:
@@ -270,7 +270,7 @@ def out_of_distribution(card: Mapping[str, Any], briefing: Briefing, speed: floa
         new.append(f"in a team of {briefing.team}, not {min(teams)} to {max(teams)}")
     if not new:
         return ""
-    return _told(card, new, {"actuators": tier, "num_beams": beams, "speed": speed})
+    return _warning(card, new, {"actuators": tier, "num_beams": beams, "speed": speed})
 
 
 def _out_of_ranges(
@@ -291,7 +291,7 @@ def _out_of_ranges(
         return ""
     tiers = (tier for tier in ACTUATORS if briefing.robot.actuators(tier) == briefing.actuators)
     requested = {"actuators": next(tiers, ""), "num_beams": len(briefing.beam_angles), "speed": speed}
-    return _told(card, [f"{briefing.robot.name} {new[0]}", *new[1:]], requested | {"robot": briefing.robot.name})
+    return _warning(card, [f"{briefing.robot.name} {new[0]}", *new[1:]], requested | {"robot": briefing.robot.name})
 
 
 UNITS = {
@@ -301,36 +301,36 @@ UNITS = {
 }
 
 
-def _told(card: Mapping[str, Any], new: Sequence[str], asked: Mapping[str, Any]) -> str:
+def _warning(card: Mapping[str, Any], new: Sequence[str], requested: Mapping[str, Any]) -> str:
     """Returns the line that says what is new, and what was measured nearest to what is asked for."""
-    speed = asked["speed"]
+    speed = requested["speed"]
     validated = card.get("validation")
     own = {"asked_speed": card["speed"], "env_kwargs": card["env_kwargs"]}
     own |= validated if isinstance(validated, dict) else {}
     everywhere = [*([own] if _is_measured(own) else []), *card.get("measured", [])]
-    measured = sorted(everywhere, key=lambda each: (-_likeness(each, asked), abs(each["asked_speed"] - speed)))
-    result = _found(measured[0], "robot" in asked) if measured else "nothing was measured"
+    measured = sorted(everywhere, key=lambda each: (-_likeness(each, requested), abs(each["asked_speed"] - speed)))
+    result = _result(measured[0], "robot" in requested) if measured else "nothing was measured"
     name = str(card.get("name", "an agent")).split(",")[0]
     return f"{name} drives {' and '.join(new)}, which it was trained on; nearest to that, {result}"
 
 
-def _likeness(measured: Mapping[str, Any], asked: Mapping[str, Any]) -> int:
+def _likeness(measured: Mapping[str, Any], requested: Mapping[str, Any]) -> int:
     """Returns in how many things a condition that was measured is the one that is asked for, the tier first."""
     result = {"actuators": "ideal", "num_beams": 0, **measured["env_kwargs"], "speed": measured["asked_speed"]}
-    same = sum(int(result.get(name) == asked[name]) for name in asked)
-    return 2 * int(result["actuators"] == asked["actuators"]) + same
+    same = sum(int(result.get(name) == requested[name]) for name in requested)
+    return 2 * int(result["actuators"] == requested["actuators"]) + same
 
 
-def _found(measured: Mapping[str, Any], of_any: bool) -> str:
+def _result(measured: Mapping[str, Any], of_any: bool) -> str:
     """Returns what was found in a condition, with the robot where an agent of any was measured."""
     kwargs, error = measured["env_kwargs"], measured.get("error")
     beams = [f"{kwargs['num_beams']} beams"] if "num_beams" in kwargs else []
     robot = [str(kwargs.get("robot", "the default robot"))] if of_any else []
     where = ", ".join([*robot, str(kwargs.get("actuators", "ideal")), f"{measured['asked_speed']:g} m/s", *beams])
-    told = [f"{100.0 * measured['success']:.0f} % succeeded", f"{100.0 * measured['collision']:.0f} % failed badly"]
+    results = [f"{100.0 * measured['success']:.0f} % succeeded", f"{100.0 * measured['collision']:.0f} % failed badly"]
     if error is not None:
-        told.append(f"{error:.1f} s" if beams else f"{error:.4f} m off")
-    return f"{', '.join(told)} ({where})"
+        results.append(f"{error:.1f} s" if beams else f"{error:.4f} m off")
+    return f"{', '.join(results)} ({where})"
 
 
 def _listed(values: list[Any]) -> str:

@@ -54,7 +54,7 @@ class SheetFeatures(GoalFeatures):
     moving: bool = gain(True, "", "whether what comes nearer by itself is seen")
 
     shielded: ClassVar[bool | Literal["always"]] = "always"
-    told: ClassVar[int] = len(SHEET)
+    sheet_inputs: ClassVar[int] = len(SHEET)
 
     def check(self, briefing: Briefing) -> None:
         """Raises ValueError unless the robots have a scan that can be read."""
@@ -69,9 +69,9 @@ class SheetFeatures(GoalFeatures):
     def of(self, briefing: Briefing, speed: float) -> "RobotFeatures":
         """Returns the features of a robot, asked for a speed (m/s)."""
         sheet = numbers_of(briefing, speed)
-        told = {name: getattr(self, name) for name in (field.name for field in dataclasses.fields(self))}
+        gains = {name: getattr(self, name) for name in (field.name for field in dataclasses.fields(self))}
         return RobotFeatures(
-            **told
+            **gains
             | {
                 "hull_radius": sheet["hull"],
                 "max_range": self.max_range,

@@ -157,14 +157,14 @@ class Perception:
         self.trails = np.array(features.trails, np.float64)
         self.shares = 1.0 - np.exp(-dt / self.trails)  # of the way to a trailing point that it is drawn on in a step
         self.dt = dt
-        self.asked = actions.size if based else 0
-        told = features.told if isinstance(features, SheetFeatures) else LIMITS
-        self.limits = told if features.limits else 0
+        self.base_inputs = actions.size if based else 0
+        limits = features.sheet_inputs if isinstance(features, SheetFeatures) else LIMITS
+        self.limits = limits if features.limits else 0
         self.crumbed = features.crumbed
         self.moved = features.moved
         retained = self._kept()
         before = features.previous * actions.size + 2 * len(self.trails) + self.crumbed + self.moved
-        self.num_inputs = self.width * features.frames + before + self.limits + self.asked
+        self.num_inputs = self.width * features.frames + before + self.limits + self.base_inputs
         for what, count, most in (
             ("sees", self.num_inputs, MOST_INPUTS),
             ("remembers", sum(math.prod(shape) for shape in retained.values()), MOST_KEPT),
@@ -194,7 +194,7 @@ class Perception:
         observation: Any,
         speeds: Array,
         memory: NDArray[np.void],
-        asked: Array | None = None,
+        requested: Array | None = None,
         limits: Numbers | None = None,
     ) -> tuple[Numbers, Array]:
         """Returns the inputs (b, num_inputs) of the network and the angle (b,) of the frame of its action, rad.
@@ -234,8 +234,8 @@ class Perception:
             assert limits is not None
             inputs[:, at : at + self.limits] = limits
             at += self.limits
-        if asked is not None:
-            inputs[:, at:] = self.actions.of_twists(asked, speeds, angles)
+        if requested is not None:
+            inputs[:, at:] = self.actions.of_twists(requested, speeds, angles)
         return inputs, angles
 
     def remember(self, inputs: Numbers, actions: NDArray[Any], memory: NDArray[np.void]) -> None:

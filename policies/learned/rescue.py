@@ -47,7 +47,7 @@ def take_over(
     observation: goal_reaching.Observation,
     briefing: Briefing,
     memory: NDArray[Any],
-    asked: tuple[float, float],
+    twist_requested: tuple[float, float],
     twists: NDArray[np.float64],
 ) -> NDArray[np.int64]:
     """Puts the law's twists in place of those (b, t) of robots that have made no way for some time, or past whom
@@ -61,7 +61,7 @@ def take_over(
     Returns:
         The rows of those robots.
     """
-    speed, patience = asked
+    speed, patience = twist_requested
     left = np.hypot(*observation.goal.T) + TURN * np.abs(observation.goal_heading_error)
     anew = left > memory["left"] + NEXT_GOAL
     memory["left"] = left
@@ -92,7 +92,7 @@ def drive_on(
     observation: path_following.Observation,
     briefing: Briefing,
     memory: NDArray[np.float64],
-    asked: tuple[float, float],
+    twist_requested: tuple[float, float],
     twists: NDArray[np.float64],
 ) -> NDArray[np.int64]:
     """Puts twists towards the preview in place of those (b, t) of robots that stand before the end of a path.
@@ -106,13 +106,13 @@ def drive_on(
     """
     along = observation.arc_length
     memory[:, 0] = np.where((np.abs(twists) > STILL).any(axis=1), 0.0, memory[:, 0] + briefing.dt)
-    memory[:, 1] = np.where(memory[:, 0] > asked[1], along + STRETCH, memory[:, 1])
+    memory[:, 1] = np.where(memory[:, 0] > twist_requested[1], along + STRETCH, memory[:, 1])
     rows = np.flatnonzero(along < memory[:, 1])
     ahead = observation.preview[rows]
     if len(rows) and ahead.shape[1]:
         far = np.hypot(ahead[..., 0], ahead[..., 1]) > AHEAD
         point = ahead[np.arange(len(rows)), np.where(far.any(axis=1), far.argmax(axis=1), -1)]
         turn = np.arctan2(point[:, 1], point[:, 0])
-        speed = min(CREEP, asked[0]) * np.maximum(np.cos(turn), 0.0) ** 4
+        speed = min(CREEP, twist_requested[0]) * np.maximum(np.cos(turn), 0.0) ** 4
         twists[rows] = unicycle_twists(briefing.robot, speed, np.clip(TURN_GAIN * turn, -1.0, 1.0))
     return rows

@@ -129,9 +129,9 @@ class ForwardPrediction:
         Obstacles and other bodies stay where they were seen. A scan is turned and moved: hits of neighbouring beams
         that the hull cannot pass between are joined, others are as wide as their beams.
         """
-        told = self.episodes
+        episodes = self.episodes
         moved = np.array(observation, np.float64)
-        fields = told.layout.unpack(moved)
+        fields = episodes.layout.unpack(moved)
         twists = np.zeros((len(moved), 3))
         twists[:, self._axes] = fields.twist
         steps = np.empty((len(moved), 3))
@@ -140,7 +140,7 @@ class ForwardPrediction:
         move(steps, fields.pose)
         if hasattr(fields, "cross_track_error"):
             follow(
-                told.path,
+                episodes.path,
                 self._spacing,
                 fields.pose,
                 fields.arc_length,
@@ -150,9 +150,9 @@ class ForwardPrediction:
             )
             return moved
         if hasattr(fields, "reference_twist"):
-            seen = told.layout.unpack(np.array(observation, np.float64))
+            seen = episodes.layout.unpack(np.array(observation, np.float64))
             before, behind = ((each.error, each.reference_twist, each.preview) for each in (seen, fields))
-            view_reference(self._late, told.preview_spacing, steps, np.zeros(1, AIM), *before, *behind)
+            view_reference(self._late, episodes.preview_spacing, steps, np.zeros(1, AIM), *before, *behind)
             return moved
         view(steps, fields.goal, fields.goal_heading_error)
         if hasattr(fields, "bodies"):
@@ -161,8 +161,8 @@ class ForwardPrediction:
             fields.bodies[..., 2:4] = _seen_from(turned[:, None], fields.bodies[..., 2:4])
             fields.bodies[fields.bodies[..., 6] == 0.0] = 0.0
         if fields.ranges.shape[1] > 1:
-            angles = told.beam_angles
-            most = np.float64(told.max_range)
+            angles = episodes.beam_angles
+            most = np.float64(episodes.max_range)
             step = float(angles[1] - angles[0])
             closed = bool(2.0 * math.pi - (angles[-1] - angles[0]) < 1.5 * step)
             beams = beam_directions(angles)

@@ -56,10 +56,10 @@ def eigenvalues(law: Any, robot: Robot, actuators: Actuators, dt: float) -> NDAr
     decay, mean = lag_factors(actuators.reaction, dt)
     step = _arc(circle[None], np.array([[dt]]))[0]
 
-    def period(states: Array, kept: Array) -> tuple[Array, Array]:
+    def period(states: Array, memory: Array) -> tuple[Array, Array]:
         """Returns robots (b, 3 + 2 axes) in the reference's frame, and what the law keeps of them, a period later."""
         pose, wheels, command = states[:, :3], states[:, 3 : 3 + axes], states[:, 3 + axes :]
-        kept = kept.copy()
+        memory = memory.copy()
         there = np.concatenate([np.zeros((len(states), 1, 3)), np.tile(ahead, (len(states), 1, 1))], axis=1)
         seen = _seen(pose[:, None], there)
         twists = np.broadcast_to(circle, (len(states), axes))
@@ -67,13 +67,13 @@ def eigenvalues(law: Any, robot: Robot, actuators: Actuators, dt: float) -> NDAr
         observation = trajectory_tracking.Observation(
             pose.copy(), wheels.copy(), seen[:, 0], twists.copy(), command.copy(), np.zeros(len(states)), preview
         )
-        asked = law.act(observation, briefing, kept)
-        moved = _arc(asked + mean * (wheels - asked), np.array([[dt]]))
+        requested = law.act(observation, briefing, memory)
+        moved = _arc(requested + mean * (wheels - requested), np.array([[dt]]))
         c, s = np.cos(pose[:, 2]), np.sin(pose[:, 2])
         after = pose + np.column_stack(
             [c * moved[:, 0] - s * moved[:, 1], s * moved[:, 0] + c * moved[:, 1], moved[:, 2]]
         )
-        return np.column_stack([_seen(step, after), asked + decay * (wheels - asked), asked]), kept
+        return np.column_stack([_seen(step, after), requested + decay * (wheels - requested), requested]), memory
 
     states = np.concatenate([np.zeros(3), circle, circle])[None]
     for _ in range(_SETTLING):
@@ -83,8 +83,8 @@ def eigenvalues(law: Any, robot: Robot, actuators: Actuators, dt: float) -> NDAr
     both = np.concatenate([whole + _OFF * np.eye(n), whole - _OFF * np.eye(n)])
     after = np.column_stack(period(both[:, : states.shape[1]], both[:, states.shape[1] :]))
     matrix = (after[:n] - after[n:]) / (2.0 * _OFF)
-    kept = np.abs(matrix - np.eye(n)).sum(axis=1) > 1e-9  # a number that a law never changes is no state of its own
-    return np.asarray(np.linalg.eigvals(matrix[np.ix_(kept, kept)]), np.complex128)
+    is_state = np.abs(matrix - np.eye(n)).sum(axis=1) > 1e-9  # a number that a law never changes is no state of its own
+    return np.asarray(np.linalg.eigvals(matrix[np.ix_(is_state, is_state)]), np.complex128)
 
 
 def _arc(twists: Array, times: Array) -> Array:

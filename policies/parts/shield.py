@@ -93,8 +93,8 @@ def check_view(filter_: Gains, briefing: Briefing) -> None:
     """Raises ValueError, naming the filter, unless the scan looks at half a turn or more."""
     angles = briefing.beam_angles
     if len(angles) < 2 or angles[-1] - angles[0] + angles[1] - angles[0] < LEAST_VIEW:
-        told = f"num_beams is {len(angles)}" if len(angles) < 2 else f"it spans {angles[-1] - angles[0]:.3g} rad"
-        raise ValueError(f"{type(filter_).__name__} needs a scan of at least half a turn; {told}")
+        view = f"num_beams is {len(angles)}" if len(angles) < 2 else f"it spans {angles[-1] - angles[0]:.3g} rad"
+        raise ValueError(f"{type(filter_).__name__} needs a scan of at least half a turn; {view}")
 
 
 def blind_directions(briefing: Briefing) -> NDArray[np.float64]:

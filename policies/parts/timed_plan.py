@@ -40,8 +40,8 @@ class TimedPlanner(Gains):
     def reset(self, briefing: Briefing) -> NDArray[np.void]:
         """Returns the memories (b,): each reference begins, and so does each plan."""
         shape = (self.horizon, len(briefing.robot.twist_axes))
-        kept = [("period", np.int64), ("commands", np.float64, shape), ("qp_failures", np.int64)]
-        return np.zeros(briefing.num_envs, kept)
+        fields = [("period", np.int64), ("commands", np.float64, shape), ("qp_failures", np.int64)]
+        return np.zeros(briefing.num_envs, fields)
 
 
 class Plan(NamedTuple):
@@ -150,9 +150,9 @@ def drive(p, samples, run, period, plan, laws, driven):
 def step_on(plant, t, plan, k):
     """Fills the state after step k, whose command is asked for there, by the plant's limits and motion."""
     before = twist_in(plan.states, k, 3 + t, t)
-    asked = twist_in(plan.states, k + 1, 3 + t, t)
+    requested = twist_in(plan.states, k + 1, 3 + t, t)
     vx, vy, w, _ = limits(
-        plant, (before.vx, before.vy, before.yaw_rate), (asked.vx, asked.vy, asked.yaw_rate), plant.dt
+        plant, (before.vx, before.vy, before.yaw_rate), (requested.vx, requested.vy, requested.yaw_rate), plant.dt
     )
     wheels = twist_in(plan.states, k, 3, t)
     m = plant.lag_mean

@@ -64,20 +64,22 @@ class TvLqr(Gains):
     def _gains(self, briefing: Briefing) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Returns the gains (n, t, 3 + t) of all samples that robots are on, and where those of each robot begin."""
         assert briefing.reference is not None
-        told = briefing.reference
+        reference = briefing.reference
         base = plant(briefing.robot, briefing.actuators, briefing.dt)
-        key = (self, id(told.samples), told.which.tobytes(), base.tobytes())
+        key = (self, id(reference.samples), reference.which.tobytes(), base.tobytes())
         if key not in _MADE:
             if len(_MADE) >= _MOST_MADE:
                 del _MADE[next(iter(_MADE))]
-            _MADE[key] = (told, *self._made(told, base, briefing.robot.holonomic))
+            _MADE[key] = (reference, *self._made(reference, base, briefing.robot.holonomic))
         return _MADE[key][1:]
 
-    def _made(self, told: References, base: NDArray[np.void], holonomic: bool) -> Any:
+    def _made(self, reference: References, base: NDArray[np.void], holonomic: bool) -> Any:
         weights = np.array([self.q_place, self.q_place, self.q_heading])
         prices = np.array([self.r_speed, self.r_speed, self.r_turn])
-        each, whose = np.unique(told.which, return_inverse=True)
-        found = [regulator(told.samples, told.times[k : k + 1], base, holonomic, weights, prices) for k in each]
+        each, whose = np.unique(reference.which, return_inverse=True)
+        found = [
+            regulator(reference.samples, reference.times[k : k + 1], base, holonomic, weights, prices) for k in each
+        ]
         return np.concatenate(found), np.cumsum([0, *map(len, found[:-1])])[whose]
 
 

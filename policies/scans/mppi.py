@@ -117,13 +117,13 @@ class Mppi(GoalLaw):
             raise ValueError(
                 f"{type(self).__name__} sees obstacles by range beams, but num_beams is 0; give 32 or more"
             )
-        kept = [
+        fields = [
             ("decisions", np.int64),  # so far, which numbers the noise
             ("command", np.float64, (3,)),  # the last, as the plant takes it, m/s and rad/s
             ("plan", np.float64, (self.steps, 3)),
             RECALLED,
         ]
-        return np.zeros(briefing.num_envs, kept)
+        return np.zeros(briefing.num_envs, fields)
 
     def act(
         self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]

@@ -119,8 +119,8 @@ def decide(params, maps, scan, seen, memory):
         else:
             cells = cells_of(p, points[:count])
             nose = nose_cell(p, m, points[:count], pose, goal)
-            told = cells, nose, goal, distance > p.forward_point
-            wanted = best_twist(p, m, maps.costs, told, pose, now)
+            grids = cells, nose, goal, distance > p.forward_point
+            wanted = best_twist(p, m, maps.costs, grids, pose, now)
             m.stuck = 0 if wanted[3] < ILLEGAL else m.stuck + 1
             m.command[0], m.command[1], m.command[2] = wanted[0], wanted[1], wanted[2]
             note_flips(p, m, pose)
@@ -156,7 +156,7 @@ def sampled(least, most, count):
 
 
 @allocating
-def best_twist(p, m, costs, told, pose, now):
+def best_twist(p, m, costs, grids, pose, now):
     """Returns (vx, vy, yaw rate, score) of the legal twist with the least score, the first of equal ones.
 
     Where none is legal that is standstill, and the score ILLEGAL.
@@ -176,16 +176,16 @@ def best_twist(p, m, costs, told, pose, now):
             for w in sampled(right, left, p.turns):
                 if (vx == 0.0 and vy == 0.0 and w == 0.0) or oscillates(m, vx, vy, w):
                     continue
-                score = scored(p, m, costs, told, pose, now, (vx, vy, w))
+                score = scored(p, m, costs, grids, pose, now, (vx, vy, w))
                 if score < best[3]:
                     best = vx, vy, w, score
     return best
 
 
 @compiled
-def scored(p, m, costs, told, pose, now, twist):
+def scored(p, m, costs, grids, pose, now, twist):
     """Returns the score of a twist, or ILLEGAL."""
-    cells, nose, goal, keeps = told
+    cells, nose, goal, keeps = grids
     speed_squared = twist[0] * twist[0] + twist[1] * twist[1]
     if m.near == 1:
         slower = speed_squared < now[0] * now[0] + now[1] * now[1]

@@ -92,7 +92,7 @@ class AnyRobot(Hybrid):
         observation: goal_reaching.Observation,
         briefing: Briefing,
         memory: NDArray[Any],
-        kept: NDArray[Any],
+        retained: NDArray[Any],
         twists: tuple[NDArray[np.float64], NDArray[np.float64]],
     ) -> NDArray[np.float64]:
         """Returns the twists (b, t) that are driven: the agent's, or where it makes no way the planner's."""
@@ -102,7 +102,7 @@ class AnyRobot(Hybrid):
             return driven
         shields = memory["agent"]["shield"].copy()
         passed = BEHIND_PLANNER.passed(observation, briefing, shields, planned)
-        kept["shield"][alone] = shields[alone]
+        retained["shield"][alone] = shields[alone]
         return np.where(alone[:, None], passed, driven)
 
     def _by_planner(

@@ -108,14 +108,14 @@ class Hybrid(GoalLaw):
         observation: goal_reaching.Observation,
         briefing: Briefing,
         memory: NDArray[Any],
-        kept: NDArray[Any],
+        retained: NDArray[Any],
         twists: tuple[NDArray[np.float64], NDArray[np.float64]],
     ) -> NDArray[np.float64]:
         """Returns the twists (b, t) that are driven, here the agent's.
 
         Args:
             memory: that of `reset`, in which the planner has decided and the agent has not.
-            kept: (b,) what the agent remembers of its decision.
+            retained: (b,) what the agent remembers of its decision.
             twists: the planner's and the agent's, m/s and rad/s.
         """
         return twists[1]

@@ -24,4 +24,4 @@ class PeopleFree(Ppo):
 
     observes: ClassVar[tuple[type, ...]] = (team_worlds.Observation,)
     among: ClassVar[str] = "free"
-    told: ClassVar[str] = "bodies"
+    privileged: ClassVar[str] = "bodies"

@@ -43,7 +43,7 @@ class Ppo(Gains):
         goal_reaching.Observation,
     )
     among: ClassVar[str] = ""  # behind the task, in the names of the folders of agents among bodies
-    told: ClassVar[str] = "sensors"  # the privileged information of those that ship
+    privileged: ClassVar[str] = "sensors"  # the privileged information of those that ship
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -57,7 +57,7 @@ class Ppo(Gains):
         Raises:
             ValueError: if the folder holds no agent of the seed, or a damaged one.
         """
-        return self._own.knows if self.home else self.told
+        return self._own.knows if self.home else self.privileged
 
     def agent(self, briefing: Briefing) -> Agent:
         """Returns the agent for a briefing.

@@ -25,4 +25,4 @@ class TeamGuided(Ppo):
 
     observes: ClassVar[tuple[type, ...]] = (team_worlds.Observation,)
     among: ClassVar[str] = "guided"
-    told: ClassVar[str] = "bodies"
+    privileged: ClassVar[str] = "bodies"

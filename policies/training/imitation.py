@@ -36,7 +36,7 @@ class Teaching:
     Args:
         teacher: the controller at a speed (m/s); `env` asks for one speed in each of its parts. None: the value
             function alone is taught.
-        kept: lessons that are kept and learned from again, by a falling learning rate; 0: only the latest are.
+        capacity: lessons that are kept and learned from again, by a falling learning rate; 0: only the latest are.
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class Teaching:
         frames: int,
         learning_rate: float,
         seed: int,
-        kept: int = 0,
+        capacity: int = 0,
     ) -> None:
         policy: Any = ppo.policy
         self._ppo, self._env, self._teacher = ppo, env, teacher
@@ -57,7 +57,8 @@ class Teaching:
         self._appraised = -1  # frames that the value function was taught in; -1: it has not begun
         self._generator = np.random.default_rng(seed)
         self._pilots: list[Pilot] = []
-        self._lessons = Lessons(min(kept, self._cloned), env.perception.num_inputs, self._generator) if kept else None
+        size = min(capacity, self._cloned)
+        self._lessons = Lessons(size, env.perception.num_inputs, self._generator) if capacity else None
         means = [*policy.mlp_extractor.policy_net.parameters(), *policy.action_net.parameters()]
         values = [*policy.mlp_extractor.value_net.parameters(), *policy.value_net.parameters()]
         self.optimizers = {

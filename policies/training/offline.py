@@ -36,7 +36,7 @@ BC_WEIGHT = 2.5  # the paper's alpha: of the value beside the recorded action
 TARGET_RATE, DELAY = 0.005, 2  # tau of the targets; critic steps for each of the actor
 TARGET_NOISE, MOST_NOISE = 0.2, 0.5  # of the target's actions
 GRADIENT_STEPS = 20_000
-_TOLD = 500  # gradient steps between reports
+_REPORTED = 500  # gradient steps between reports
 
 Layers = list[tuple[NDArray[np.float32], NDArray[np.float32]]]
 Tensors = tuple[torch.Tensor, ...]
@@ -113,7 +113,7 @@ def cloned(steps: Transitions, preset: Preset, count: int, seed: int) -> Iterato
     for k, (inputs, actions, *_) in _batches(steps, count, seed):
         loss = torch.nn.functional.mse_loss(actor(inputs), actions)
         _descend(optimizer, loss)
-        if k % _TOLD == 0 or k == count:
+        if k % _REPORTED == 0 or k == count:
             yield k, loss.item(), layers_of(actor)
 
 
@@ -154,7 +154,7 @@ def improved(steps: Transitions, preset: Preset, count: int, seed: int) -> Itera
                 for aim, source in zip(aims, followed, strict=True):
                     for slow, fast in zip(aim.parameters(), source.parameters(), strict=True):
                         slow.lerp_(fast, TARGET_RATE)
-        if k % _TOLD == 0 or k == count:
+        if k % _REPORTED == 0 or k == count:
             yield k, loss.item(), layers_of(actor)
 
 

@@ -170,13 +170,13 @@ def train(
     job: Job,
     report: Callable[[Report], None],
     signals: Sequence[signal.Signals] = SIGNALS,
-    asked: Callable[[], bool] = lambda: False,
+    stop_requested: Callable[[], bool] = lambda: False,
 ) -> Report:
     """Runs a job to its end, or until Ctrl-C or SIGTERM, which save; returns the last report.
 
     Args:
         signals: those that save and end the run.
-        asked: returns whether another signal to stop was given.
+        stop_requested: returns whether another signal to stop was given.
 
     Raises:
         ValueError: if the folder holds another run, or files in it are damaged.
@@ -193,7 +193,7 @@ def train(
         check_folder(job)
         run = _Run(job, learner)
         with interruptible(signals) as interrupted:
-            last = run.go(report, lambda: interrupted.number > 0 or asked())
+            last = run.go(report, lambda: interrupted.number > 0 or stop_requested())
     return last if last.done else dataclasses.replace(last, stopped=interrupted.number)
 
 
@@ -462,8 +462,10 @@ def trained_on(preset: Preset, briefings: Sequence[Briefing] = ()) -> dict[str, 
     """
     if preset.worlds.drawn:
         parts = preset.parts
-        told = [numbers_of(each, pace) for each, (_, _, pace) in zip(briefings, parts, strict=True)]
-        ranges = {name: [min(each[name] for each in told), max(each[name] for each in told)] for name in SHEET}
+        conditions = [numbers_of(each, pace) for each, (_, _, pace) in zip(briefings, parts, strict=True)]
+        ranges = {
+            name: [min(each[name] for each in conditions), max(each[name] for each in conditions)] for name in SHEET
+        }
         noise = list(dict.fromkeys(str(kwargs["disturbance"]) for _, kwargs, _ in parts))
         return {"ranges": ranges, "robots": preset.worlds.drawn, "disturbances": noise}
     worlds = [preset.env_kwargs(kwargs) for _, kwargs in preset.worlds.shares]

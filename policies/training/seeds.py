@@ -65,15 +65,15 @@ def _work(
     k: int,
     job: Job,
     reports: "multiprocessing.queues.Queue[tuple[int, Report, bool]]",
-    asked: multiprocessing.synchronize.Event,
+    stop_requested: multiprocessing.synchronize.Event,
     parent: int,
 ) -> None:
     end_with_parent(parent)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     last = Report(job.seed, 0, job.plan.frames)
     try:
-        if not asked.is_set():
-            last = train(job, lambda each: reports.put((k, each, False)), (signal.SIGTERM,), asked.is_set)
+        if not stop_requested.is_set():
+            last = train(job, lambda each: reports.put((k, each, False)), (signal.SIGTERM,), stop_requested.is_set)
     except KeyboardInterrupt:
         last = dataclasses.replace(last, error=f"interrupted twice; {GO_ON}")
     except MemoryError as error:

@@ -202,7 +202,7 @@ class Shaped(VecEnv):
         self.observations = np.empty(0, np.float32)  # of the environment, as they are
         self._inputs = np.empty(0, np.float32)
         self._angles = np.empty(0)
-        self._asked: Array | None = None  # twists (b, t) of the base
+        self._twists: Array | None = None  # twists (b, t) of the base
         self._actions = np.empty(0)
         width = perception.num_inputs
         super().__init__(
@@ -245,7 +245,7 @@ class Shaped(VecEnv):
         twists = np.concatenate(
             [
                 commanded(
-                    each.actions, self.base, actions[rows], None if self._asked is None else self._asked[rows],
+                    each.actions, self.base, actions[rows], None if self._twists is None else self._twists[rows],
                     self.speeds[rows], self._angles[rows], self.robot,
                 )
                 for each, rows in zip(self.perceptions, self.seen_to, strict=True)
@@ -348,7 +348,7 @@ class Shaped(VecEnv):
             if not here.any():
                 continue
             own = rows[here]
-            requested = None if self._asked is None else self._asked[own]
+            requested = None if self._twists is None else self._twists[own]
             fields = self._fields(finals[here], k)
             last[here], _ = each.inputs(fields, self.speeds[own], self.memory[own], requested, self.limits[own])
         return last
@@ -356,10 +356,11 @@ class Shaped(VecEnv):
     def _see(self, observations: NDArray[np.float32]) -> None:
         self.observations = observations
         if self.base is not None:
-            self._asked = self.ask(self.pilots)
+            self._twists = self.ask(self.pilots)
         seen = []
         for k, (each, rows) in enumerate(zip(self.perceptions, self.seen_to, strict=True)):
-            fields, requested = self._fields(observations[rows], k), None if self._asked is None else self._asked[rows]
+            fields = self._fields(observations[rows], k)
+            requested = None if self._twists is None else self._twists[rows]
             memory = self.memory[rows]
             seen.append(each.inputs(fields, self.speeds[rows], memory, requested, self.limits[rows]))
         self._inputs, self._angles = (np.concatenate([pair[k] for pair in seen]) for k in range(2))
@@ -390,8 +391,8 @@ class Shaped(VecEnv):
         """Returns all that decides what comes next, but for the random generators."""
         arrays = {f"shaped.{name}": getattr(self, name).copy() for name in self.ARRAYS} | self.worlds.arrays()
         arrays["shaped.memory"] = np.frombuffer(self.memory.tobytes(), np.float32).reshape(self.num_envs, -1)
-        if self._asked is not None:
-            arrays["shaped._asked"] = self._asked.copy()
+        if self._twists is not None:
+            arrays["shaped._asked"] = self._twists.copy()
         for k, pilot in enumerate(self.pilots):
             arrays |= {f"pilot_{k}.{name}": each for name, each in pilot.arrays().items()}
         for k, shield in enumerate(self.shields):
@@ -414,7 +415,7 @@ class Shaped(VecEnv):
         for k, shield in enumerate(self.shields):
             shield[:] = np.frombuffer(arrays[f"shield_{k}"].tobytes(), shield.dtype)
         if self.base is not None:
-            self._asked = arrays["shaped._asked"].copy()
+            self._twists = arrays["shaped._asked"].copy()
             self.pilots = self.make_pilots(self.base.policy)
             for k, pilot in enumerate(self.pilots):
                 pilot.put_back({name: arrays[f"pilot_{k}.{name}"] for name in pilot.arrays()})

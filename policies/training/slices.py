@@ -57,7 +57,7 @@ def train_slice(piece: Slice) -> tuple[Report, dict[str, bytes]]:
             job,
             lambda report: validated.append(report.row is not None),
             signals=(),
-            asked=lambda: any(validated) and time.monotonic() - began >= piece.seconds,
+            stop_requested=lambda: any(validated) and time.monotonic() - began >= piece.seconds,
         )
         return last, files_of(folder)
 

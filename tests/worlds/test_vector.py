@@ -110,7 +110,7 @@ def differences(a: Any, b: Any, place: str = "") -> list[str]:
 
 def kept(env: Any) -> dict[str, Any]:
     """Returns what a batch knows of its robots, and its plant of what they met."""
-    batch, found = env.batch, {"asked": env.batch.asked.copy()}
+    batch, found = env.batch, {"delayed": env.batch.delayed.copy()}
     records = {"states": batch.states}
     if batch.plant is not None:
         records |= {"progress": batch.plant.progress, "bodies": batch.plant.bodies}
