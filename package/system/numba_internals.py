@@ -14,7 +14,8 @@ have the same parts, and the plain mode serves where one is missing at import:
 * `core.registry.cpu_target.typing_context`: `resolve_function_type`, `_lookup_global`; `types.Function`, whose key
   holds its templates.
 * `core.caching`: `FunctionCache`, `CompileResultCacheImpl`, the locator of `NUMBA_CACHE_DIR`, `IndexDataCacheFile`
-  with `_load_data`, `_save_data`, `_data_path`, `_dump`, `_open_for_write`.
+  with `_load_data`, `_save_data`, `_data_path`, `_dump`, `_open_for_write`; `core.runtime._nrt_python.c_helpers`, with
+  the names that `core.runtime.nrt` gives them.
 * `core.compiler_lock.global_compiler_lock`, `core.sigutils.normalize_signature`; `_defn` of intrinsics
   (`kernel_digest`); the names of llvmlite's callbacks.
 """
@@ -33,6 +34,7 @@ import threading
 from typing import Any, ClassVar
 
 import filelock
+import llvmlite.binding
 import numba
 import numba.core.compiler
 from numba.core import caching
@@ -40,7 +42,9 @@ from numba.core.codegen import JITCodeLibrary, JITCPUCodegen
 from numba.core.compiler import Compiler
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import cpu_target
+from numba.core.runtime import _nrt_python  # type: ignore[attr-defined]
 from numba.core.sigutils import normalize_signature
+from numba.cpython import hashing  # noqa: F401  # lets machine code read Python's secret of hashes
 
 from wayfield.system.compile_notices import tell_of_compiling, tell_of_damage, tell_of_no_cache
 from wayfield.system.kernel_digest import kernel_digest, signature_key
@@ -305,6 +309,16 @@ _DIGEST = 32  # bytes
 CARRIED = pathlib.Path(__file__).parents[1] / "machine_code"
 
 
+@functools.cache
+def _know_helpers() -> None:
+    """Lets machine code that is kept call what Numba's runtime has in C.
+
+    Numba makes its whole compiler ready for that, which takes half a second and 50 MB; a compilation does so itself.
+    """
+    for name, address in _nrt_python.c_helpers.items():
+        llvmlite.binding.add_symbol(name if name.startswith("_") else f"NRT_{name}", address)
+
+
 class _Cache(caching.FunctionCache):
     """Numba's disk cache by content, and never a reason to fail: without it one waits.
 
@@ -370,6 +384,7 @@ class _Cache(caching.FunctionCache):
 
         Where there is nothing, and it is not a part, the lock is held from here on until `release`.
         """
+        _know_helpers()
         carried = self._of_wheel(sig, target_context)
         if carried is not None or not self._found():
             return carried
@@ -388,16 +403,12 @@ class _Cache(caching.FunctionCache):
         """Returns what the wheel carries; None where that is nothing, or is damaged."""
         if not pathlib.Path(self._named()._index_path).is_file():
             return None
-        target_context.refresh()
         try:
             found = self._read(self._carried, sig, target_context)
         except _DAMAGED as error:
             tell_of_damage(f"{self._carried._cache_path}: {type(error).__name__}: {error}")
             return None
         return found if found is None or tuple(found.signature.args) == normalize_signature(sig)[0] else None
-
-    def _load_overload(self, sig: Any, target_context: Any) -> Any:
-        return self._read(self._cache_file, sig, target_context)
 
     def _read(self, files: Any, sig: Any, target_context: Any) -> Any:
         """Returns the code of some files for the processor's level, else for a lower one; None if there is none."""
@@ -419,7 +430,8 @@ class _Cache(caching.FunctionCache):
 
     def _kept(self, sig: Any, target_context: Any) -> Any:
         try:
-            found = super().load_overload(sig, target_context)
+            with self._guard_against_spurious_io_errors():
+                found = self._read(self._cache_file, sig, target_context)
             # two processes that begin together may give the code of two signatures one file, which the later one keeps
             return found if found is None or tuple(found.signature.args) == normalize_signature(sig)[0] else None
         except _DAMAGED as error:
