@@ -74,7 +74,7 @@ function downloaded(blob, name) {
 
 // By the name that Python has: what is shown instead, and what it is in a sentence; the payload of the demo tells them.
 const NAMES = {};
-const OWN = { trained: "", tuned: ", tuned", "hand-tuned": ", tuned by hand", paper: ", as its paper has it" }; // gains
+const OWN = { trained: "", tuned: ", tuned", "hand-tuned": ", tuned by hand", paper: ", paper's values" }; // gains
 
 // A policy's label as it is shown.
 function called(label) {

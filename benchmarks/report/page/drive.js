@@ -196,7 +196,8 @@ class Drive {
 
   all() {
     this.result.textContent = "";
-    for (const label of this.able()) if (!this.runs.some((run) => run.asked.label === label && !run.asked.from && !run.pending)) this.add({ label }, false);
+    for (const label of this.able()) if (!this.runs.some((run) => run.asked.label === label && !run.asked.from)) this.add({ label }, false);
+    this.replay.split(null);
     this.many = true;
     this.offer();
     this.tellProgress();

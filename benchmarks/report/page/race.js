@@ -5,6 +5,7 @@ const BEST = "wayfield best times"; // in the browser's storage
 const MEDALS = ["gold", "silver", "bronze"];
 const ENDED = { success: "Finished in", collision: "Crashed after", left_corridor: "Off the path after", timeout: "Out of time:" };
 const ABOUT = "Beat controllers and a trained network by hand, or watch them drive.";
+const ASKED = { path: "Follow the path to the star", dock: "Park on the star, facing along its line" };
 const KEYS = "Hold ↑ (or “ahead”) to drive, ← and → to turn.";
 
 const still = () => window.matchMedia("(prefers-reduced-motion: reduce)").matches;
@@ -67,7 +68,7 @@ class Race {
     if (!this.sentence) return;
     const { told: { demo }, world } = this.replay;
     const hand = this.drive.hand && !this.drive.hand.actor.outcome;
-    this.sentence.textContent = hand ? `${world.path ? "Follow the path to the star" : "Drive to the star"}. ${KEYS}` : this.opening ? demo.sentence : this.closest() || ABOUT;
+    this.sentence.textContent = hand ? `${ASKED[world.kind] || "Drive to the star"}. ${KEYS}` : this.opening ? demo.sentence : this.closest() || ABOUT;
     this.number.value = this.now < 0 ? "" : String(this.now);
     const { editor } = this.drive;
     if (editor.stays && this.closest()) editor.tell(`${this.closest()} Draw another line as you like.`);
@@ -181,9 +182,9 @@ class Race {
     this.banner.hidden = true;
     const count = actors.length;
     const found = k < 0 ? null : this.best[this.key(k)];
-    const rule = count > 1 ? `${count} drive: gold for the first${count > 2 ? ", silver for the second, bronze for the third" : ""}. ` : "";
+    const rule = count > 1 ? `${count} drive, gold for the first${count > 2 ? ", silver for the second, bronze for the third" : ""}. ` : "";
     hint.hidden = false;
-    hint.replaceChildren(`${k < 0 ? "" : `${this.challenges[k].name}. `}${rule}${found ? `Your best: ${found.time.toFixed(2)} s. ` : ""}Your first key or pad press starts the clock. `,
+    hint.replaceChildren(`${k < 0 ? "" : `${k + 1}. ${this.challenges[k].name}: `}${rule}${found ? `Your best: ${found.time.toFixed(2)} s. ` : ""}Your first key or pad press starts the clock. `,
       this.button("Start", () => { if (still()) this.go(); else show(3); }, { class: "go" }));
   }
 

@@ -221,8 +221,9 @@ function drawNames(context, view, actors, k, hull, pixel) {
   context.font = "600 13px system-ui, sans-serif";
   context.textAlign = "center";
   context.lineWidth = 4;
-  for (const { x, y, label, policy } of actors) {
+  for (const { x, y, label, policy, outcome } of actors) {
     const last = Math.min(k, x.length - 1);
+    if (k > last && !outcome) continue; // it waits
     const name = label.replace(/ \(.*\)/, "");
     const half = context.measureText(name).width / 2 + 4;
     const room = Math.max(view.width / 2 - half, 0);
