@@ -164,7 +164,7 @@ def parts(count: int, only: Sequence[str]) -> Iterator[Part]:
             yield {"condition": condition.name, "policy": name}, drives
 
 
-class Kept:
+class Results:
     """The rows, by condition, policy and scene."""
 
     def __init__(self, rows: Sequence[dict[str, str]]) -> None:
@@ -235,63 +235,63 @@ def _side(found: Difference) -> str:
     return leaning(outcome(found.low, found.high, found.p, MARGIN, found.limit), found.low, found.high)
 
 
-def table(kept: Kept, moving: bool) -> str:
+def table(results: Results, moving: bool) -> str:
     """Returns success / collisions (%) of all in each condition, and below the agent's success less the laws'."""
     shares, differences = [], []
-    for condition in kept.conditions:
+    for condition in results.conditions:
         cells = [
-            f"{kept.share([name], 'success', moving, condition):.0f} / "
-            f"{kept.share([name], 'collision', moving, condition):.0f}"
-            for name in kept.names
+            f"{results.share([name], 'success', moving, condition):.0f} / "
+            f"{results.share([name], 'collision', moving, condition):.0f}"
+            for name in results.names
         ]
         shares.append([condition, *cells])
-        differences.append([condition, *(_points(kept.compared[law, moving, condition, False]) for law in LAWS)])
-    shown = [name.removeprefix(f"{AGENT} ") if name in kept.seeds else f"`{name}`" for name in kept.names]
+        differences.append([condition, *(_points(results.compared[law, moving, condition, False]) for law in LAWS)])
+    shown = [name.removeprefix(f"{AGENT} ") if name in results.seeds else f"`{name}`" for name in results.names]
     headers = ["condition", *shown], [f"`{AGENT}` less", *(f"`{law}`" for law in LAWS)]
     return "\n\n".join(map(text_of, (shares, differences), headers))
 
 
-def sentences(kept: Kept, moving: bool) -> str:
+def sentences(results: Results, moving: bool) -> str:
     """Returns who wins, losses first."""
     found = []
     for law in LAWS:
-        each = {name: kept.compared[law, moving, name, False] for name in kept.conditions}
+        each = {name: results.compared[law, moving, name, False] for name in results.conditions}
         sides = {name: _side(one) for name, one in each.items()}
         lost, behind, ahead, won = (
             "; ".join(f"{name} ({_points(each[name])})" for name, side in sides.items() if side.startswith(verdict))
             or "none"
             for verdict in (WORSE, BEHIND, AHEAD, BETTER)
         )
-        whole = kept.compared[law, moving, "", False]
+        whole = results.compared[law, moving, "", False]
         found.append(
             f"Over all conditions `{AGENT}` is beside `{law}` {_side(whole)}: {_points(whole)} points of success. "
             f"It is worse in {lost}. It is better in {won}. Before correction for the number of comparisons, it is "
             f"behind in {behind} and ahead in {ahead}."
         )
-    touched = {name: kept.share(kept.seeds, "collision", moving, name) for name in kept.conditions}
+    touched = {name: results.share(results.seeds, "collision", moving, name) for name in results.conditions}
     over = [f"{name} ({share:.1f} %)" for name, share in touched.items() if share > 1.0]
     found.append(f"More than 1 % of its scenes end in a collision in {'; '.join(over) or 'none'}.")
     return "\n".join(f"* {each}" for each in found)
 
 
-def half_speed(kept: Kept) -> str:
+def half_speed(results: Results) -> str:
     """Returns what the agents of the P3DX alone come to at the speed of their training and at half of it; "" if none.
 
     A sentence a condition and a table: success / collisions (%), and their success less the laws'.
     """
-    if not kept.half:
+    if not results.half:
         return ""
     lines, sentences = [], []
-    for condition in kept.half:
+    for condition in results.half:
         for what, moving in (("still", False), ("moving", True)):
-            found = {law: kept.compared[law, moving, condition, True] for law in LAWS}
-            shares = [f"{kept.share(names, 'success', moving, condition):.1f} / "
-                      f"{kept.share(names, 'collision', moving, condition):.1f}"
-                      for names in (kept.own, *([law] for law in LAWS))]  # fmt: skip
+            found = {law: results.compared[law, moving, condition, True] for law in LAWS}
+            shares = [f"{results.share(names, 'success', moving, condition):.1f} / "
+                      f"{results.share(names, 'collision', moving, condition):.1f}"
+                      for names in (results.own, *([law] for law in LAWS))]  # fmt: skip
             lines.append([condition, what, *shares])
             sides = [f"beside `{law}` {_side(each)} ({_points(each)})" for law, each in found.items()]
             sentences.append(f"* {condition}, {what}: `{OWN}` is {', '.join(sides)}.")
-    header = ["condition", "scenes", f"`{OWN}`, {len(kept.own)} seeds", *(f"`{law}`" for law in LAWS)]
+    header = ["condition", "scenes", f"`{OWN}`, {len(results.own)} seeds", *(f"`{law}`" for law in LAWS)]
     shown = text_of(lines, header)
     words = f"The P3DX's own agents were trained at 0.6 m/s. `{AGENT}` at 0.3 m/s stands in the tables above."
     return "\n\n".join(("## The P3DX's agents at half their speed", words, "\n".join(sentences), shown))
@@ -299,21 +299,21 @@ def half_speed(kept: Kept) -> str:
 
 def page(rows: Sequence[dict[str, str]]) -> str:
     """Returns the page of the rows."""
-    kept = Kept(rows)
+    results = Results(rows)
     one = "One seed was trained, and is driven: how much seeds differ is not known."
-    seeds = one if len(kept.seeds) == 1 else f"{len(kept.seeds)} seeds were trained, and are driven."
-    missing = [each for each in CONDITIONS if each.name not in kept.conditions]
+    seeds = one if len(results.seeds) == 1 else f"{len(results.seeds)} seeds were trained, and are driven."
+    missing = [each for each in CONDITIONS if each.name not in results.conditions]
     agentless, left = ([each.name for each in missing if bool(agents_of(each.robot)) == able] for able in (False, True))
     words = f" Not driven: {'; '.join(left)}." if left else ""
     words += f" No agent ships for the class of {'; '.join(agentless)}." if agentless else ""
-    parts = [PROSE.strip().format(seeds=seeds, left=words, comparisons=len(kept.compared))]
+    parts = [PROSE.strip().format(seeds=seeds, left=words, comparisons=len(results.compared))]
     for title, moving in (("What stands still", False), ("What moves", True)):
-        name = kept.conditions[0]
-        number = len(kept.of(LAWS[0], "success", moving, [name]))
+        name = results.conditions[0]
+        number = len(results.of(LAWS[0], "success", moving, [name]))
         families = ", ".join(f"`{each}`" for each in (MOVING if moving else STILL))
-        parts.append(f"## {title}\n\n{number} scenes a condition: {families}.\n\n{sentences(kept, moving)}")
-        parts.append(table(kept, moving))
-    return "\n\n".join(filter(None, (*parts, half_speed(kept)))) + "\n"
+        parts.append(f"## {title}\n\n{number} scenes a condition: {families}.\n\n{sentences(results, moving)}")
+        parts.append(table(results, moving))
+    return "\n\n".join(filter(None, (*parts, half_speed(results)))) + "\n"
 
 
 PROSE = f"""# A driver for every robot, away from home

@@ -16,7 +16,7 @@ from flocks import AHEAD, BEHIND
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from PIL import Image, ImageDraw
-from results_page import LEARNED, ONLY_MAP, README, Kept, Row, at_pace, best_sets, entry_of, marked, verdict_of
+from results_page import LEARNED, ONLY_MAP, README, Row, Store, at_pace, best_sets, entry_of, marked, verdict_of
 from sections import KEPT
 
 from wayfield import policies
@@ -104,14 +104,14 @@ TASKS = len(_TASKS) + 1
 _SECTIONS = ("path-following", "goal-obstacles-claims", "docking-claims")  # whose rows these are
 
 
-def panels(kept: Kept) -> Iterator[Panel]:
+def panels(store: Store) -> Iterator[Panel]:
     """Yields the tasks that there are kept rows of."""
     for title, axis, unit, scenes, stem, win, kinds in _TASKS:
-        board, lines = kept.rows(f"{stem}_board"), kept.rows(f"{stem}_pairs")
+        board, lines = store.rows(f"{stem}_board"), store.rows(f"{stem}_pairs")
         found = [_match(board, lines, kind, where, unit) for kind, where in kinds.items()]
         if matches := tuple(each for each in found if each is not None):
             yield Panel(title, axis, unit, scenes, win, matches)
-    if matches := tuple(_crowds(kept)):
+    if matches := tuple(_crowds(store)):
         win = "{} solves more scenes than {} {where}"
         yield Panel("Teams and crowds", "scenes solved (%)", "%", "scenes", win, matches)
 
@@ -184,9 +184,9 @@ def _outcome(verdict: Verdict, line: Row, turned: bool, unit: str) -> str:
     return flocks.leaning(found, low, high).partition(", ")[0]
 
 
-def _crowds(kept: Kept) -> Iterator[Match]:
+def _crowds(store: Store) -> Iterator[Match]:
     """Yields the agents among others beside the best controllers of equal access."""
-    teams, people = (_rows(kept, flocks.FILES[part]) for part in ("teams", "people"))
+    teams, people = (_rows(store, flocks.FILES[part]) for part in ("teams", "people"))
     if not teams or not people:
         return
     of_page = flocks.of_page(teams, people)
@@ -208,9 +208,9 @@ def _crowds(kept: Kept) -> Iterator[Match]:
         )
 
 
-def _rows(kept: Kept, name: str) -> list[Row]:
+def _rows(store: Store, name: str) -> list[Row]:
     place = f"{KEPT}/{name}"
-    return list(csv.DictReader(io.StringIO(kept.text(place)))) if place in kept else []
+    return list(csv.DictReader(io.StringIO(store.text(place)))) if place in store else []
 
 
 def _seeds(rows: Sequence[Row], agent: str) -> str:
@@ -284,10 +284,10 @@ def _clause(panel: Panel, match: Match) -> tuple[str, str, str]:
     return words.format(*names, where="{}", place="{}"), place, numbers
 
 
-def readme(kept: Kept) -> dict[str, bytes]:
+def readme(store: Store) -> dict[str, bytes]:
     """Returns README.md with its part made anew, by its place; ValueError if it has lost its markers."""
-    stale = [made.sentence() for section, made in kept.sections() if section.name in _SECTIONS and made.stale]
-    return {README: marked(kept, README, [*_lines(list(panels(kept))), *stale]).encode()}
+    stale = [made.sentence() for section, made in store.sections() if section.name in _SECTIONS and made.stale]
+    return {README: marked(store, README, [*_lines(list(panels(store))), *stale]).encode()}
 
 
 def _lines(found: Sequence[Panel]) -> list[str]:
@@ -364,9 +364,9 @@ def _wrapped(match: Match) -> str:
     return "\n".join((" ".join(words[:half]), " ".join(words[half:]), f"n = {match.scenes:,}"))
 
 
-def film(kept: Kept) -> bytes:
+def film(store: Store) -> bytes:
     """Returns an animated WebP: VFH+ and PPO's median seed drive the same moving obstacles, side by side."""
-    seeds = [row for row in kept.rows("claims/goal_obstacles_p3dx_seeds") if row["policy"] == "ppo"]
+    seeds = [row for row in store.rows("claims/goal_obstacles_p3dx_seeds") if row["policy"] == "ppo"]
     seeds.sort(key=lambda row: float(row["success (%)"]))
     median = int(seeds[len(seeds) // 2]["seed"])
     sides = {

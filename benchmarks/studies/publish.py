@@ -21,7 +21,7 @@ import click
 import front_page
 from kept_rows import SUFFIX, packed, thinned, unpacked
 from reproduction import check, stamped
-from results_page import LEADERBOARD, PAGE, README, Kept, Made, pages, submitted
+from results_page import LEADERBOARD, PAGE, README, Made, Store, pages, submitted
 from sections import DOCUMENTS, KEPT, ROWS, SECTIONS, Section
 
 from wayfield.benchmarks.commands.submission import content as entry_files
@@ -91,7 +91,7 @@ def main(
                 files |= gathered(section, above / section.name)
             elif only is not None:
                 raise ValueError(f"--only {section.name}: {above / section.name} holds no finished run")
-        store = Kept(home, files)
+        store = Store(home, files)
         for section, made in store.sections():
             if section not in wanted:
                 continue
@@ -107,13 +107,13 @@ def main(
         raise click.ClickException(str(error)) from None
     picture(home)
     if film:
-        write_whole(home / front_page.FILM, front_page.film(Kept(home)))
+        write_whole(home / front_page.FILM, front_page.film(Store(home)))
     print(f"{home / PAGE} and {home / README} are made from {len(list((home / KEPT).glob('*.json')))} runs")
 
 
 def made_again(home: Path) -> dict[str, bytes]:
     """Returns the tables and the pages that the kept rows make, by their place; ValueError if rows are damaged."""
-    store = Kept(home)
+    store = Store(home)
     for section, made in store.sections():
         if (name := f"{ROWS}/{section.name}{SUFFIX}") in store:
             times = store.content(decisions_of(section)) if decisions_of(section) in store else b""
@@ -123,7 +123,7 @@ def made_again(home: Path) -> dict[str, bytes]:
 
 def picture(home: Path) -> None:
     """Draws README's figure from the tables that the repository keeps, where it has those of every task."""
-    found = list(front_page.panels(Kept(home)))
+    found = list(front_page.panels(Store(home)))
     if len(found) == front_page.TASKS:
         write_whole(home / front_page.FIGURE, front_page.figure(found))
 

@@ -27,7 +27,7 @@ import interval_coverage
 import numpy as np
 from interval_coverage import COVERAGE
 from kept_rows import SUFFIX, thinned, unpacked
-from results_page import Kept, Made, pages
+from results_page import Made, Store, pages
 from sections import KEPT, ROWS, SECTIONS, Section
 
 from wayfield.benchmarks.contests import CONTESTS, GAINS, Course, Entrants
@@ -75,7 +75,7 @@ class Reproduced:
         return f"{sentence} ({self.other[0]})" if self.other else sentence
 
 
-def check(section: Section, kept: Kept, most: int | None = None) -> Reproduced:
+def check(section: Section, store: Store, most: int | None = None) -> Reproduced:
     """Returns how a sample of a section comes out with the code of today.
 
     Args:
@@ -85,7 +85,7 @@ def check(section: Section, kept: Kept, most: int | None = None) -> Reproduced:
         ValueError: if the rows that are kept are damaged.
         OSError: if they are missing.
     """
-    chosen = list(samples(section, kept))[:most]
+    chosen = list(samples(section, store))[:most]
     sampled = same = 0
     other = []
     for again, rows in tracked(chosen, len(chosen), section.name):
@@ -106,16 +106,16 @@ def stamped(made: Made, found: Reproduced) -> Made:
     return dataclasses.replace(made, sampled=found.sampled, same=found.same, checked=today)
 
 
-def samples(section: Section, kept: Kept) -> Iterator[Sample]:
+def samples(section: Section, store: Store) -> Iterator[Sample]:
     """Yields the sample of a section, the same in each call."""
     rng = np.random.default_rng(zlib.crc32(section.name.encode()))
     if section.name == interval_coverage.SUITE:
-        yield from _of_coverage(kept.text(f"{KEPT}/{COVERAGE}"))
+        yield from _of_coverage(store.text(f"{KEPT}/{COVERAGE}"))
         return
     if not section.from_rows or section.needs:
         return
     name = f"{ROWS}/{section.name}{SUFFIX}"
-    rows = unpacked(kept.content(name), section.name)
+    rows = unpacked(store.content(name), section.name)
     for of_entry in _grouped(rows, ("contest", "policy", "gains_name", "dynamics")):
         cases = _grouped(of_entry, _OF_A_CASE)
         first = cases[rng.integers(len(cases))][:EPISODES]
@@ -202,7 +202,7 @@ def main(only: tuple[str, ...] | None, write: bool, root: str) -> None:
     """
     wrong = []
     try:
-        store = Kept(Path(root))
+        store = Store(Path(root))
         for section, made in store.sections():
             if only is not None and section.name not in only:
                 continue

@@ -124,7 +124,7 @@ class Made:
         return f"{text} On {self.checked}, {self.same} of {self.sampled} samples reproduced."
 
 
-class Kept:
+class Store:
     """The repository's files as they will be: those that change, else those that are there."""
 
     def __init__(self, home: Path, changed: Mapping[str, bytes] | None = None) -> None:
@@ -169,31 +169,31 @@ class Kept:
         return found
 
 
-def pages(kept: Kept) -> dict[str, bytes]:
+def pages(store: Store) -> dict[str, bytes]:
     """Returns the index of results, a page each, and the part of choosing.md, as kept tables make them.
 
     Raises:
         ValueError: if a table is damaged, or choosing.md has lost its markers.
         OSError: if a file cannot be read.
     """
-    sections = kept.sections()
-    found = {f"{KEPT}/{section.name}.md": _page(kept, section, made).encode() for section, made in sections}
+    sections = store.sections()
+    found = {f"{KEPT}/{section.name}.md": _page(store, section, made).encode() for section, made in sections}
     if cards := _cards():
         found[CARDS] = _cards_page(cards).encode()
-    found[PAGE] = _index(kept).encode()
-    if entries := submitted(kept.home / LEADERBOARD):
+    found[PAGE] = _index(store).encode()
+    if entries := submitted(store.home / LEADERBOARD):
         found[f"{LEADERBOARD}/README.md"] = _leaderboard(entries).encode()
-    if CHOOSING in kept:
-        found[CHOOSING] = marked(kept, CHOOSING, _advice(kept)).encode()
+    if CHOOSING in store:
+        found[CHOOSING] = marked(store, CHOOSING, _advice(store)).encode()
     return found
 
 
-def marked(kept: Kept, name: str, lines: Sequence[str]) -> str:
+def marked(store: Store, name: str, lines: Sequence[str]) -> str:
     """Returns a page with what stands between its markers made anew."""
     try:
-        return between(kept.text(name), BEGIN, END, lines)
+        return between(store.text(name), BEGIN, END, lines)
     except ValueError as error:
-        raise ValueError(f"{kept.home / name} {error}") from None
+        raise ValueError(f"{store.home / name} {error}") from None
 
 
 def between(text: str, begin: str, end: str, lines: Sequence[str]) -> str:
@@ -249,21 +249,23 @@ def _leaderboard(entries: Mapping[str, Submission]) -> str:
     return "\n\n".join(blocks) + "\n"
 
 
-def _index(kept: Kept) -> str:
+def _index(store: Store) -> str:
     """Returns the page that leads to all others, with a leaderboard a task."""
-    there = {section.name for section, _ in kept.sections()}
+    there = {section.name for section, _ in store.sections()}
     blocks = [
         "# Results",
         "`python benchmarks/studies/publish.py` writes this page from the episodes in [results/](results/). Do "
         "not edit it.",
-        "\n".join(_front(kept, "results/")),
+        "\n".join(_front(store, "results/")),
         "## Every page",
         "Each has its leaderboard, the verdicts on trained agents, and its full tables as files. "
         "[The leaderboard](leaderboard/README.md) takes entries of others."
-        if submitted(kept.home / LEADERBOARD)
+        if submitted(store.home / LEADERBOARD)
         else "Each has its leaderboard, the verdicts on trained agents, and its full tables as files.",
         "\n".join(f"- [{each.title}](results/{each.name}.md)" for each in SECTIONS if each.name in there)
-        + "".join(f"\n- [{title}](results/{name}.md)" for name, title in STUDIES.items() if f"{KEPT}/{name}.md" in kept)
+        + "".join(
+            f"\n- [{title}](results/{name}.md)" for name, title in STUDIES.items() if f"{KEPT}/{name}.md" in store
+        )
         + ("\n- [What the agents' cards say](results/cards.md)" if _cards() else ""),
         "## How to read it",
         "Every policy meets the same scenarios, starts and disturbances. `default` are the gains of the policy's file, "
@@ -271,7 +273,7 @@ def _index(kept: Kept) -> str:
         "disturbances, `hand-tuned` those chosen by comparison, without a record of a search, `paper` those of the "
         "publication, `trained` all seeds of the agents that ship. Brackets are 95 % intervals. The columns are "
         "explained in [columns.md](columns.md).",
-        f"{READING} {_covered(kept, 'results/')}".strip(),
+        f"{READING} {_covered(store, 'results/')}".strip(),
     ]
     missing = [section for section in SECTIONS if section.name not in there]
     if missing:
@@ -291,13 +293,13 @@ READING = (
 )
 
 
-def _covered(kept: Kept, folder: str, driven: Sequence[Mapping[str, str]] = ()) -> str:
+def _covered(store: Store, folder: str, driven: Sequence[Mapping[str, str]] = ()) -> str:
     """Returns what the intervals of agents cover, and how often they were measured to hold; "" where they were not.
 
     Args:
         driven: lines of tables of pairs, of whose sets of agents it is told; none: of all that ship.
     """
-    rows = [row for row in kept.rows(SUITE) if row["of"].endswith("agents") and "IQM" not in row["interval"]]
+    rows = [row for row in store.rows(SUITE) if row["of"].endswith("agents") and "IQM" not in row["interval"]]
     held = [float(row["covers (%)"].partition(" ")[0]) for row in rows]
     if not held:
         return ""
@@ -312,7 +314,7 @@ def _covered(kept: Kept, folder: str, driven: Sequence[Mapping[str, str]] = ()) 
     )
 
 
-def _page(kept: Kept, section: Section, made: Made) -> str:
+def _page(store: Store, section: Section, made: Made) -> str:
     """Returns the page of a section: its leaderboard, its verdicts, and where its full tables are."""
     blocks = [
         f"# {section.title}",
@@ -321,19 +323,19 @@ def _page(kept: Kept, section: Section, made: Made) -> str:
         "[All results](../results.md)",
     ]
     for name, alt in section.pictures.items():
-        if f"docs/{name}" in kept:
+        if f"docs/{name}" in store:
             blocks.append(f"![{alt}](../{name})")
-    there = {name: section.place(name) for name in section.tables if section.place(name) in kept}
+    there = {name: section.place(name) for name in section.tables if section.place(name) in store}
     stems = {name: place.removeprefix(f"{KEPT}/").removesuffix(".csv") for name, place in there.items()}
-    paired = {name: kept.rows(stem) for name, stem in stems.items() if name.endswith("_pairs.csv")}
+    paired = {name: store.rows(stem) for name, stem in stems.items() if name.endswith("_pairs.csv")}
     every = [row for rows in paired.values() for row in rows]
     verdicts = iter(judged(every))  # corrected for all that the page shows
-    reading = [f"{READING} {_covered(kept, '', every)}".strip(), f"{2 * len(every)} tests, one correction."]
+    reading = [f"{READING} {_covered(store, '', every)}".strip(), f"{2 * len(every)} tests, one correction."]
     files = []
     for name, place in there.items():
         heading = section.tables[name]
         if name.endswith("_board.csv"):
-            blocks += [f"## {heading}", *_boards(kept.rows(stems[name]))]
+            blocks += [f"## {heading}", *_boards(store.rows(stems[name]))]
         elif name.endswith("_pairs.csv"):
             rows = paired[name]
             blocks += [f"## {heading}", *reading, *_verdicts(rows, list(itertools.islice(verdicts, len(rows))))]
@@ -342,11 +344,11 @@ def _page(kept: Kept, section: Section, made: Made) -> str:
             files.append(f"- [{heading}]({place.removeprefix(f'{KEPT}/')})")
             continue
         else:
-            blocks += [f"## {heading}", *_shown(kept, place, section.columns)]
+            blocks += [f"## {heading}", *_shown(store, place, section.columns)]
             if not place.endswith(".csv"):
                 continue
         files.append(f"- [{heading}, as a file]({place.removeprefix(f'{KEPT}/')})")
-    if f"{ROWS}/{section.name}{SUFFIX}" in kept:
+    if f"{ROWS}/{section.name}{SUFFIX}" in store:
         files.append(f"- [Every episode](rows/{section.name}{SUFFIX}), packed")
     if files:
         blocks += ["## Full tables", "\n".join(files)]
@@ -454,13 +456,13 @@ def _with_p(cell: str, p: str) -> str:
     return f"{cell}, p {p}" if p else cell
 
 
-def _front(kept: Kept, folder: str) -> list[str]:
+def _front(store: Store, folder: str) -> list[str]:
     """Returns who wins at what, in two sentences and a table a task."""
-    found = [(each, kept.rows(f"{each[2]}_board"), kept.rows(f"{each[2]}_pairs")) for each in TASKS]
+    found = [(each, store.rows(f"{each[2]}_board"), store.rows(f"{each[2]}_pairs")) for each in TASKS]
     found = [((*task[:3], _there(board, task[3])), board, lines) for task, board, lines in found if board]
     if not found:
         return ["No run of this version is published."]
-    made = {section.name: each for section, each in kept.sections()}
+    made = {section.name: each for section, each in store.sections()}
     blocks = [_sentences(found)]
     for (heading, section, _, kinds), board, lines in found:
         page = f"[{heading}]({folder}{section}.md)"
@@ -616,11 +618,11 @@ def controller_first(sets: Sequence[Row], lines: Sequence[Row]) -> Sequence[Row]
     return sets if found is None or found[0].outcome == BETTER else [law, *(row for row in sets if row is not law)]
 
 
-def advised(kept: Kept) -> list[tuple[str, str, str, Mapping[str, str], str]]:
+def advised(store: Store) -> list[tuple[str, str, str, Mapping[str, str], str]]:
     """Returns what to take: the task, the kind of scenes, the access, the row that is best there, and its lead."""
     found: list[tuple[str, str, str, Row, str]] = []
     for task, _, stem, kinds in TASKS:
-        board, lines = kept.rows(f"{stem}_board"), kept.rows(f"{stem}_pairs")
+        board, lines = store.rows(f"{stem}_board"), store.rows(f"{stem}_pairs")
         for kind in kinds if board else ():
             mine = [row for row in board if row["scenes"] == kind]
             accesses = {row["inputs"] for row in mine}
@@ -665,7 +667,7 @@ SAID = {
 }
 
 
-def disagreements(kept: Kept, advice: str) -> list[str]:
+def disagreements(store: Store, advice: str) -> list[str]:
     """Returns where the prose of the advice sends to a policy that is behind, or to an agent that is not ahead.
 
     It is compared with the first entry of the same access in those scenes; who was not measured there is left out.
@@ -674,7 +676,7 @@ def disagreements(kept: Kept, advice: str) -> list[str]:
     for policy, advised_for in re.findall(r"^\| `(\w+)` \| (.+?) \|$", advice, re.MULTILINE):
         for said, kind in SAID.items():
             for task, _, stem, kinds in TASKS if said in advised_for else ():
-                board, lines = kept.rows(f"{stem}_board"), kept.rows(f"{stem}_pairs")
+                board, lines = store.rows(f"{stem}_board"), store.rows(f"{stem}_pairs")
                 if kind not in kinds or (kind == "moving obstacles" and len(kinds) > 1):
                     continue  # who moves past a dock is not what stands around a goal
                 mine = [row for row in board if row["scenes"] == kind]
@@ -725,10 +727,10 @@ def _lead(found: tuple[Verdict, Mapping[str, str], bool], name: str) -> str:
     return f"{words}: {numbers[0]:+.{digits}f} [{ends[0]:+.{digits}f}, {ends[1]:+.{digits}f}] {unit}"
 
 
-def _advice(kept: Kept) -> list[str]:
+def _advice(store: Store) -> list[str]:
     """Returns the table of what to take where, from the leaderboards of the splits that tell most."""
     lines = []
-    found = advised(kept)
+    found = advised(store)
     observed = {
         task: contest.spec.observes
         for task, _, stem, _ in TASKS
@@ -832,13 +834,13 @@ def _spread(numbers: Sequence[float], decimals: int) -> str:
     return mean if ends[0] == ends[1] else f"{mean} [{ends[0]} to {ends[1]}]"
 
 
-def _shown(kept: Kept, place: str, columns: Sequence[str]) -> Iterator[str]:
+def _shown(store: Store, place: str, columns: Sequence[str]) -> Iterator[str]:
     """Yields a kept table as Markdown, of some of its columns or of all; that of several robots a robot."""
     if place.endswith(".md"):  # of several tables the last, which says what the others come to
         whole = place.removeprefix(f"{KEPT}/")
-        yield f"### {kept.text(place).strip().rpartition('## ')[2]}\n\n[What the tables of every run show]({whole})."
+        yield f"### {store.text(place).strip().rpartition('## ')[2]}\n\n[What the tables of every run show]({whole})."
         return
-    rows = kept.rows(place.removeprefix(f"{KEPT}/").removesuffix(".csv"))
+    rows = store.rows(place.removeprefix(f"{KEPT}/").removesuffix(".csv"))
     names = [name for name in columns if name in rows[0]] or list(rows[0])  # no BARN where its worlds were not there
     for robot, mine in grouped(rows, "robot").items() if "robot" in rows[0] else (("", rows),):
         if robot:

@@ -204,7 +204,7 @@ WORDS |= {"open": "tie", "error": "tracks smooth paths more closely than"}
 def test_readme_says_of_a_pair_what_success_says_of_it_before_and_after_correction(
     where: str, points: int, p: float, wins: bool, told: str
 ) -> None:
-    kept = results_page.Kept(STUDIES.parents[1])
+    kept = results_page.Store(STUDIES.parents[1])
     name = f"{STEMS[where]}_pairs"
     lines = [dict(row) for row in kept.rows(name)]
     rival = "ilqr (hand-tuned)" if "paths" in where else "reeds_shepp_scan"

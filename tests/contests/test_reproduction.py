@@ -14,7 +14,7 @@ from sections import KEPT, ROWS
 from wayfield.benchmarks.commands.submit import verify
 
 ROOT = Path(__file__).parents[2]
-PUBLISHED = results_page.Kept(ROOT).sections()
+PUBLISHED = results_page.Store(ROOT).sections()
 
 
 def packed_rows(rows: list[dict[str, str]]) -> bytes:
@@ -25,7 +25,7 @@ def packed_rows(rows: list[dict[str, str]]) -> bytes:
 @pytest.mark.slow
 def test_a_section_says_how_its_sample_comes_out(section: results_page.Section) -> None:
     made = {kept.name: each for kept, each in PUBLISHED}[section.name]
-    found = check(section, results_page.Kept(ROOT))
+    found = check(section, results_page.Store(ROOT))
     words = "python benchmarks/studies/reproduction.py --write"
     assert (found.sampled, found.same) == (made.sampled, made.same), "\n".join([words, *found.other])
 
@@ -44,7 +44,7 @@ QUICK = ("path-following", "goal-obstacles", "docking")
 def test_the_first_entries_of_a_section_that_is_not_stale_come_out_the_same(name: str) -> None:
     ((section, made),) = [each for each in PUBLISHED if each[0].name == name]
     assert made.sampled
-    found = check(section, results_page.Kept(ROOT), most=3)
+    found = check(section, results_page.Store(ROOT), most=3)
     told = f"stale: python benchmarks/studies/reproduction.py --only {name} --write"
     assert made.stale or not found.other, "\n".join([told, *found.other])
 

@@ -102,7 +102,7 @@ def test_every_page_is_linked_from_the_readme_or_the_start_page() -> None:
 
 
 def test_page_and_readme_are_what_the_kept_tables_make() -> None:
-    kept = results_page.Kept(ROOT)
+    kept = results_page.Store(ROOT)
     for name, content in (results_page.pages(kept) | front_page.readme(kept)).items():
         assert (ROOT / name).read_text(encoding="utf-8") == content.decode(), f"{name}: run {publish.__name__}"
 
@@ -115,7 +115,7 @@ def test_the_page_of_the_filters_is_what_its_rows_make() -> None:
 def test_the_page_of_the_driver_for_every_robot_is_what_its_rows_make() -> None:
     rows = kept_parts.read(ROOT / sections.KEPT / "everywhere.csv.xz")
     assert (ROOT / sections.KEPT / "everywhere.md").read_text(encoding="utf-8") == everywhere.page(rows)
-    kept = everywhere.Kept(rows)
+    kept = everywhere.Results(rows)
 
     def success(law: str, conditions: list[str], *, moving: bool) -> Difference:
         return kept.less(law, "success", moving, conditions)
@@ -140,12 +140,12 @@ def test_page_and_advice_for_teams_and_people_are_what_the_kept_rows_make() -> N
 
 
 def kept_sections() -> list[sections.Section]:
-    there = {section.name for section, _ in results_page.Kept(ROOT).sections()}
+    there = {section.name for section, _ in results_page.Store(ROOT).sections()}
     return [section for section in sections.SECTIONS if section.from_rows and section.name in there]
 
 
 def test_the_advice_sends_to_nobody_who_is_behind() -> None:
-    kept = results_page.Kept(ROOT)
+    kept = results_page.Store(ROOT)
     text = kept.text(results_page.CHOOSING)
     assert results_page.disagreements(kept, text) == []
     # as it once was
@@ -221,7 +221,7 @@ KEPT = [
 @pytest.mark.parametrize("section", KEPT)
 def test_kept_tables_are_what_the_kept_rows_make(section: sections.Section) -> None:
     rows = read_packed(ROOT / sections.ROWS / f"{section.name}{SUFFIX}")
-    made = {kept.name: made for kept, made in results_page.Kept(ROOT).sections()}[section.name]
+    made = {kept.name: made for kept, made in results_page.Store(ROOT).sections()}[section.name]
     times = ROOT / publish.decisions_of(section)
     decisions = times.read_bytes() if times.is_file() else b""
     for name, content in publish.tables(section, rows, made.command, decisions).items():
@@ -232,7 +232,7 @@ def test_every_published_table_has_its_rows_and_they_are_small() -> None:
     files = list((ROOT / sections.ROWS).glob(f"*{SUFFIX}"))
     assert sum(file.stat().st_size for file in files) < 6_000_000  # in git: a new table has to be worth its size
     made_up = {interval_coverage.SUITE}  # a measurement of its own
-    there = {section.name for section, _ in results_page.Kept(ROOT).sections()} - made_up
+    there = {section.name for section, _ in results_page.Store(ROOT).sections()} - made_up
     assert {file.name.removesuffix(SUFFIX) for file in files} >= there
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from oracles import table_formulas as formulas
-from results_page import CHOOSING, PAGE, TASKS, Kept, Task, disagreements
+from results_page import CHOOSING, PAGE, TASKS, Store, Task, disagreements
 
 from wayfield.benchmarks.contests import CONTESTS, TRAINED
 
@@ -246,7 +246,7 @@ def _cost_of_both(ours: Sequence[Row], theirs: Sequence[Row], metric: str) -> fl
 
 def check_verdicts(cells: Cells, folder: Path) -> None:
     """Looks for a pair with two verdicts, judged anew from its p, and for advice that the rows speak against."""
-    store = Kept(folder.parents[1])
+    store = Store(folder.parents[1])
     for section, _ in store.sections():
         page = store.text(f"{folder.as_posix()}/{section.name}.md") if folder == KEPT else ""
         places = [section.place(name) for name in section.tables if name.endswith("_pairs.csv")]
@@ -290,7 +290,7 @@ def _other_way(words: str) -> str:
     return words
 
 
-def _check_fronts(cells: Cells, store: Kept, task: Task, said: Mapping[tuple[str, str, str], str]) -> None:
+def _check_fronts(cells: Cells, store: Store, task: Task, said: Mapping[tuple[str, str, str], str]) -> None:
     """Looks for a pair of which a front page, or the advice, says something else than the page of its rows."""
     heading, _, _, kinds = task
     table = re.search(rf"\[{heading}\]\([^)]*\)\.\*\*.*\n\n((?:\|.*\n)+)", store.text(PAGE))
