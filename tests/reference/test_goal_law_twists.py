@@ -338,11 +338,12 @@ def test_a_field_is_that_of_where_patrols_are_by_now_and_of_the_nearest_point_of
     assert np.abs(driven(corner)[0] - driven(disc, 0)[0]).max() > 0.01
 
 
-# By the scan: the dynamic window and the histogram, with what they remember, foresee and go round.
+# By the scan: the dynamic window and the histogram, with what they remember; what comes and dead ends have laws of
+# their own in tests/laws.
 
 
 class Sights:
-    """What a seeker makes of its scans, by `parts.stopping` and `parts.detour`."""
+    """What a seeker makes of its scans, by `parts.stopping`."""
 
     def __init__(self, p: Any, briefing: Briefing) -> None:
         self.p, self.base, self.robot = p, briefing.actuators, briefing.robot
@@ -350,11 +351,7 @@ class Sights:
         self.delay = self.base.lag + DT
         self.command = np.zeros(3)
         self.kept: list[tuple[float, float, float]] = []  # x, y in the world, for how long still
-        self.older = self.newer = [None] * len(self.angles)
-        self.older_age = self.newer_age = 0.0
         self.resting = False
-        self.side, self.nearest, self.waited, self.last_left = 0.0, math.inf, 0.0, math.nan
-        self.course, self.start, self.leg = 0.0, (0.0, 0.0), 0.0
 
     def hits(self, ranges: Any, pose: Any, farthest: float, radius: float) -> list[list[float]]:
         near: dict[int, tuple[float, float, float, float]] = {}
@@ -384,99 +381,12 @@ class Sights:
                     found.append([x, y, min(radius, (1.0 - 1e-6) * away)])
         return found
 
-    def approaching(self, ranges: Any, pose: Any, radius: float) -> list[list[float]]:
-        self.older_age += DT
-        self.newer_age += DT
-        fresh = self.newer_age > 0.2 - 1e-9
-        if fresh:
-            self.older, self.older_age = self.newer, self.newer_age
-            self.newer, self.newer_age = [None] * len(ranges), 0.0
-        found = []
-        for j, (angle, distance) in enumerate(zip(self.angles, ranges, strict=True)):
-            if not 0.0 < distance < min(3.5, (1.0 - 1e-6) * REACH):
-                continue
-            point = np.array([pose[0] + distance * math.cos(pose[2] + angle),
-                              pose[1] + distance * math.sin(pose[2] + angle)])  # fmt: skip
-            if fresh:
-                self.newer[j] = point
-            if distance <= radius:
-                continue
-            step = None
-            for n, first in enumerate(self.older):
-                second = self.older[(n + 1) % len(self.older)]
-                if first is None or second is None or not 0.0 < math.dist(first, second) < 0.4:
-                    continue
-                along = (second - first) / math.dist(first, second)
-                share = (point - first) @ along
-                off = point - first - share * along
-                most = 1.0 * self.older_age if step is None else np.hypot(*step)
-                if 0.0 <= share <= math.dist(first, second) and np.hypot(*off) < most:
-                    step = off
-            if step is None:
-                continue
-            if step @ (pose[:2] - point) / distance > 0.06:
-                moved = float(np.hypot(*step))
-                forward = min(self.p.foresight * moved / self.older_age, distance - radius) / moved * step
-                x, y = body(pose, *(point + forward))
-                found.append([x, y, (1.0 - 1e-6) * radius])
-        return found
-
     def arrived(self, d: float, left: float) -> bool:
         if left > 0.0 or d > 2.0 * self.p.stop_radius:
             self.resting = False
         elif d <= self.p.stop_radius:
             self.resting = True
         return self.resting
-
-    def seek(self, hits: Any, goal: Any, pose: Any, left: float) -> tuple[float, bool]:
-        p = self.p
-        bearing, d = math.atan2(goal[1], goal[0]), math.hypot(*goal)
-        if self.last_left != left:
-            self.last_left, self.side, self.nearest, self.waited = left, 0.0, math.inf, 0.0
-
-        def is_free(angle: float, reach: float) -> bool:
-            return bool(free(hits, math.cos(angle), math.sin(angle), 0.0, reach) >= reach)
-
-        if self.side == 0.0:
-            self.waited += DT
-            if d < self.nearest - 0.05:
-                self.nearest, self.waited = d, 0.0
-            if self.waited <= p.patience:
-                return bearing, False
-            ahead_of = [
-                (math.hypot(x, y), round(wrap(math.atan2(y, x) - bearing) / math.radians(10)) % 36) for x, y, _ in hits
-            ]
-            best = math.inf
-            for sense in (1, -1):
-                firsts = [bearing + sense * math.radians(10 * n) for n in range(18)
-                          if is_free(bearing + sense * math.radians(10 * n), min(p.reach, d))]  # fmt: skip
-                ways = []
-                for n in range(18):
-                    there = [away for away, k in ahead_of if k == (sense * n) % 36]
-                    seen = min([3.0, *there])
-                    angle = math.radians(10 * n)
-                    ways.append(seen + math.hypot(seen * math.sin(angle), d - seen * math.cos(angle)))
-                if firsts and min(ways) < best - 1e-6:
-                    best, self.side, ahead = min(ways), float(sense), firsts[0]
-            if self.side == 0.0:
-                return bearing, False
-            self.course, self.start, self.leg = pose[2] + ahead, (pose[0], pose[1]), p.first_leg
-        elif d < self.nearest - 0.1 and is_free(bearing, min(p.reach, d)):
-            self.side, self.nearest, self.waited = 0.0, d, 0.0
-            return bearing, False
-        if math.dist(self.start, pose[:2]) > self.leg:
-            self.side, self.course, self.leg = -self.side, self.course + math.pi, 2.0 * self.leg
-        course = wrap(self.course - pose[2])
-        behind = [(math.hypot(x, y), wrap(self.side * (course - math.atan2(y, x)))) for x, y, _ in hits]
-        behind = [(away, back) for away, back in behind if -math.radians(20) <= back <= math.radians(150)]
-        if behind:
-            start = course - self.side * min(behind)[1]
-            for n in range(36):
-                if is_free(start + self.side * math.radians(10 * n), p.reach):
-                    course = wrap(start + self.side * math.radians(10 * n))
-                    break
-        self.course = wrap(pose[2] + course)
-        return course, True
 
     def turn(self, error: float) -> float:
         rate = clip(self.p.turn_gain * error, -self.p.max_yaw_rate, self.p.max_yaw_rate)
@@ -530,17 +440,12 @@ def arc(pose: Any, twist: Any, t: float) -> Any:
     return np.array([pose[0] + chord.real, pose[1] + chord.imag, pose[2] + turn])
 
 
-def window(me: Sights, hits: Any, coming: bool, goal: Any, turn: float, left: float, pose: Any, wheels: Any) -> Any:
+def window(me: Sights, hits: Any, goal: Any, turn: float, left: float) -> Any:
     """Returns the twists of the dynamic window with their values, best first, those that cannot stop left out."""
     p, base = me.p, me.base
     d, sideways = math.hypot(*goal), me.robot.holonomic
-    aim, around = me.seek(hits, goal, pose, left)
-    fastest = p.max_speed
-    if around:
-        d = p.max_speed * p.horizon
-        goal = d * math.cos(aim), d * math.sin(aim)
-    elif left == 0.0:
-        fastest = min(fastest, me.braking(d))
+    aim = math.atan2(goal[1], goal[0])
+    fastest = min(p.max_speed, me.braking(d)) if left == 0.0 else p.max_speed
     tried = []
     if sideways:
         for a in range(7):
@@ -552,7 +457,7 @@ def window(me: Sights, hits: Any, coming: bool, goal: Any, turn: float, left: fl
                 u = u * min(1.0, fastest / max(np.hypot(*u), 1e-12))
                 tried.append(me.saturated(np.array([*u, turn])))
     else:
-        slow = max(me.command[0] - base.acceleration * p.window, -p.retreat if coming else 0.0)
+        slow = max(me.command[0] - base.acceleration * p.window, 0.0)
         fast = max(min(me.command[0] + base.acceleration * p.window, fastest), slow)
         right = max(me.command[2] - base.yaw_acceleration * p.window, -p.max_yaw_rate)
         to_left = min(me.command[2] + base.yaw_acceleration * p.window, p.max_yaw_rate)
@@ -616,11 +521,11 @@ def look(pose: Any, discs: Any, angles: Any) -> Any:
 
 
 WINDOWS = [
-    Dwa(patience=0.2),
+    Dwa(foresight=0.0, patience=math.inf),
     Dwa(
         max_speed=0.5, max_yaw_rate=1.1, window=0.4, horizon=1.6, margin=0.06, heading=0.8, clearance=0.6, velocity=0.4,
-        progress=0.7, room=0.5, room_range=0.4, turn_gain=1.4, stop_radius=0.3, patience=0.35, reach=0.8,
-        first_leg=0.03, recall=0.3, foresight=0.9, retreat=0.2,
+        progress=0.7, room=0.5, room_range=0.4, turn_gain=1.4, stop_radius=0.3, patience=math.inf, recall=0.3,
+        foresight=0.0,
     ),
     Dwa(foresight=0.0, patience=math.inf, room=0.0),
 ]  # fmt: skip
@@ -682,14 +587,13 @@ def test_the_dynamic_window_is_its_docstring(policy: Dwa, robot: str) -> None:
         far = policy.max_speed * (me.delay + DT + policy.max_speed / a)
         far = radius + policy.room_range + max(policy.max_speed * policy.horizon, far, 3.0)
         found = me.hits(ranges, pose, far, radius)
-        coming = me.approaching(ranges, pose, radius) if policy.foresight > 0.0 else []
-        hits = np.array(found + coming).reshape(-1, 3)
+        hits = np.array(found).reshape(-1, 3)
         turn = me.turn(turned)
         if me.arrived(math.hypot(*to_goal), left):
             np.testing.assert_allclose(got, [0.0, 0.0, turn], atol=1e-9)
             continue
         best = None
-        for value, twist in window(me, hits, bool(coming), to_goal, turn, left, pose, wheels):
+        for value, twist in window(me, hits, to_goal, turn, left):
             if best is not None and value < best - 1e-7:
                 best = None  # what is driven is none of the best
                 break
@@ -711,7 +615,7 @@ class Histogram(Sights):
         self.previous: float | None = None
         self.barred = False
 
-    def choose(self, hits: Any, pose: Any, aim: float, d: float, around: bool) -> tuple[float | None, list[float]]:
+    def choose(self, hits: Any, pose: Any, aim: float, d: float) -> tuple[float | None, list[float]]:
         """Returns the direction (world frame) and the primary histogram."""
         p, heading = self.p, pose[2]
         sideways = self.robot.holonomic
@@ -719,7 +623,7 @@ class Histogram(Sights):
         course: float | None = heading
         if sideways:
             course = heading + math.atan2(self.command[1], self.command[0]) if speed > 0.05 else None
-        goal = None if around or d >= p.window else (d * math.cos(aim), d * math.sin(aim))
+        goal = None if d >= p.window else (d * math.cos(aim), d * math.sin(aim))
         grown = self.robot.hull_radius + p.safety
         if goal is not None:
             nearest = min([math.dist(point, goal) for point in self.weighed(hits, pose)], default=math.inf)
@@ -729,7 +633,7 @@ class Histogram(Sights):
         left, right = math.pi, -math.pi
         for x, y in self.weighed(hits, pose):
             away = max(math.hypot(x, y), 1e-6)
-            if away >= (p.window if around else min(p.window, d + grown)):
+            if away >= min(p.window, d + grown):
                 continue
             if goal is not None and x * goal[0] + y * goal[1] >= d * d and abs(goal[0] * y - goal[1] * x) < d * grown:
                 continue
@@ -790,14 +694,11 @@ class Histogram(Sights):
 def histogram(me: Histogram, hits: Any, goal: Any, turn: float, left: float, pose: Any, wheels: Any) -> Any:
     """Returns the twist of VFH+."""
     p, d, sideways = me.p, math.hypot(*goal), me.robot.holonomic
-    aim, around = me.seek(hits, goal, pose, left)
-    choice, primary = me.choose(hits, pose, aim, d, around)
+    choice, primary = me.choose(hits, pose, math.atan2(goal[1], goal[0]), d)
     if choice is None:
         return np.zeros(3)
     fastest = 0.0 if me.barred else p.max_speed
-    if around and sideways:
-        me.course = choice
-    elif not around and left == 0.0:
+    if left == 0.0:
         fastest = min(fastest, me.braking(d))
     off = wrap(choice - pose[2])
     sector = int((wrap(pose[2] + (off if sideways else 0.0)) + math.pi) / math.radians(2.5)) % 144
@@ -814,11 +715,11 @@ def histogram(me: Histogram, hits: Any, goal: Any, turn: float, left: float, pos
 
 
 HISTOGRAMS = [
-    VfhPlus(patience=0.2),
+    VfhPlus(foresight=0.0, patience=math.inf),
     VfhPlus(
         max_speed=0.5, max_yaw_rate=1.1, turn_gain=1.6, safety=0.09, margin=0.06, window=1.9, low=0.2, high=0.6,
-        wide=0.7, mu_goal=4.3, mu_heading=1.0, mu_previous=3.0, slowing=0.8, stop_radius=0.3, patience=0.35, reach=0.8,
-        first_leg=0.03, recall=0.3, foresight=0.9,
+        wide=0.7, mu_goal=4.3, mu_heading=1.0, mu_previous=3.0, slowing=0.8, stop_radius=0.3, patience=math.inf,
+        recall=0.3, foresight=0.0,
     ),
     VfhPlus(foresight=0.0, patience=math.inf, magnitudes="sum", high=0.8),
 ]  # fmt: skip
@@ -834,8 +735,6 @@ def test_the_vector_field_histogram_is_its_docstring(policy: VfhPlus, robot: str
         radius = me.robot.hull_radius + policy.margin
         far = max(policy.window, radius + max(policy.max_speed * 2.0, 3.0))
         hits = me.hits(ranges, pose, far, radius)
-        if policy.foresight > 0.0:
-            hits += me.approaching(ranges, pose, radius)
         twist = np.array([0.0, 0.0, me.turn(turned)])
         if not me.arrived(math.hypot(*to_goal), left):
             known = np.array(hits).reshape(-1, 3)
