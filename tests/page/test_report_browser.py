@@ -349,7 +349,7 @@ def test_a_race_has_a_result_and_its_link_carries_the_run(browser: Browser, file
         tab = watched.page
         banner = tab.locator(".banner")
         tab.get_by_role("button", name="Race it").click()
-        assert "starts the clock" in tab.locator(".hint").first.inner_text()
+        assert "clock starts with your first press" in tab.locator(".hint").first.inner_text()
         for key in ("ArrowLeft", "ArrowUp"):
             tab.keyboard.down(key)
             tab.wait_for_timeout(150)
@@ -373,7 +373,7 @@ def test_a_race_has_a_result_and_its_link_carries_the_run(browser: Browser, file
         assert other.evaluate("drive.runs.length") == 5  # three rivals, the ghost, and another hand
         tab.keyboard.up("ArrowUp")
         tab.keyboard.press("r")
-        assert "starts the clock" in tab.locator(".hint").first.inner_text()
+        assert "clock starts with your first press" in tab.locator(".hint").first.inner_text()
         assert tab.evaluate("drive.hand.actor.x.length") == 1
         assert watched.errors == []
 

@@ -492,6 +492,7 @@ class Drive {
   advance(due) {
     const { hand, replay } = this;
     if (hand && !hand.actor.outcome) {
+      if (!hand.tape.length) this.race.go();
       const until = Math.min(due, hand.actor.x.length + 40);
       while (hand.actor.x.length - 1 < until) {
         hand.tape.push(this.twistByHand(hand.simulator));

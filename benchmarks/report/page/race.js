@@ -6,7 +6,7 @@ const MEDALS = ["gold", "silver", "bronze"];
 const ENDED = { success: "Finished in", collision: "Crashed after", left_corridor: "Off the path after", timeout: "Out of time:" };
 const ABOUT = "Beat controllers and a trained network by hand, or watch them drive.";
 const ASKED = { path: "Follow the path to the star", dock: "Park on the star, facing along its line" };
-const KEYS = "Hold ↑ (or “ahead”) to drive, ← and → to turn.";
+const KEYS = "Hold ↑ (or “ahead”) to drive, ← and → to turn; the clock starts with your first press.";
 
 const still = () => window.matchMedia("(prefers-reduced-motion: reduce)").matches;
 
@@ -165,18 +165,17 @@ class Race {
     return [...new Set([drive.usual(able), ...RIVALS.filter((each) => able.includes(each))])].filter(Boolean).slice(0, 3);
   }
 
-  // Three, two, one; a challenge that was only chosen, and who wants no motion, get time to look.
+  // Three, two, one, and the clock starts with the hand; a challenge that was only chosen, and who wants no motion, get time to look.
   countDown() {
     const { replay: { hint, actors, canvas } } = this;
     const k = this.now;
     this.run = null;
     const show = (left) => {
       hint.hidden = true;
-      if (!left) { this.go(); return; }
-      this.say(el("strong", {}, String(left)));
+      this.say(el("strong", {}, left ? String(left) : "Go!"));
       this.banner.classList.add("count");
       canvas.focus({ preventScroll: true });
-      this.timer = setTimeout(() => show(left - 1), 700);
+      if (left) this.timer = setTimeout(() => show(left - 1), 700);
     };
     if (!this.looks && !still()) { show(3); return; }
     this.banner.hidden = true;
@@ -184,8 +183,8 @@ class Race {
     const found = k < 0 ? null : this.best[this.key(k)];
     const rule = count > 1 ? `${count} drive, gold for the first${count > 2 ? ", silver for the second, bronze for the third" : ""}. ` : "";
     hint.hidden = false;
-    hint.replaceChildren(`${k < 0 ? "" : `${k + 1}. ${this.challenges[k].name}: `}${rule}${found ? `Your best: ${found.time.toFixed(2)} s. ` : ""}Your first key or pad press starts the clock. `,
-      this.button("Start", () => { if (still()) this.go(); else show(3); }, { class: "go" }));
+    hint.replaceChildren(`${k < 0 ? "" : `${k + 1}. ${this.challenges[k].name}: `}${rule}${found ? `Your best: ${found.time.toFixed(2)} s. ` : ""}The clock starts with your first press. `,
+      this.button("Start", () => show(still() ? 0 : 3), { class: "go" }));
   }
 
   button(text, click, attributes = {}) {
@@ -240,7 +239,7 @@ class Race {
     const words = order.map((actor) => `${actor === run.actor ? "You" : actor.label} ${arrived(actor) ? seconds(steps(actor)) : OUTCOMES[actor.outcome] || "still drives"}`);
     const next = this.nth >= 0 && this.nth + 1 < this.challenges.length;
     this.say(el("strong", { class: arrived(run.actor) ? "" : "bad" }, `${ENDED[run.actor.outcome]} ${seconds(steps(run.actor))}`),
-      place < 0 || !rivals.length ? null : el("p", { class: `medal ${medal}` }, `${["1st", "2nd", "3rd"][place] || `${place + 1}th`} of ${rivals.length + 1}: ${medal || "no"} medal`),
+      place < 0 || !rivals.length ? null : el("p", { class: medal ? `medal ${medal}` : "" }, `${["1st", "2nd", "3rd"][place] || `${place + 1}th`} of ${rivals.length + 1}: ${medal || "no"} medal`),
       el("p", {}, `${words.join(", ")}.`), better.length ? el("p", {}, `Needed: ${better.join(", ")}.`) : null,
       el("div", { class: "files" }, this.button(matchMedia("(pointer: coarse)").matches ? "Try again" : "Try again (R)", () => this.again(), { class: "go" }), next ? this.button("Next challenge", () => this.open(this.nth + 1)) : null,
         this.button("Copy a link to race this run", async () => this.tell(await drive.share.link())), this.button("close", () => { this.clear(); drive.rest(); })), told ? el("p", { class: "note" }, told) : null);
