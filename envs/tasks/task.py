@@ -157,15 +157,14 @@ def plant_class(dynamics: str) -> Any:
     """Returns the class of a plant of PLANTS.
 
     Raises:
-        ImportError: in one line, without the extra that it needs, or with another version of what that brings.
+        ImportError: in one line, without what it needs, or with another version of what that brings.
     """
     module, name, extra = PLANTS[dynamics]
     try:
         return getattr(importlib.import_module(module), name)
     except ModuleNotFoundError as error:
-        if extra is None:
-            raise
-        raise ModuleNotFoundError(f'dynamics="{dynamics}" needs {error.name}: {installs(extra)}') from None
+        how = installs(extra) if extra is not None else f"pip install {error.name}"
+        raise ModuleNotFoundError(f'dynamics="{dynamics}" needs {error.name}: {how}') from None
 
 
 def _shove(shove: Any) -> tuple[float, float, float, float]:
