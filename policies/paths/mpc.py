@@ -20,11 +20,14 @@ from wayfield.policies.parts.quadratic import solution, solver_of
 from wayfield.policies.parts.shooting import Slopes, drive_on
 from wayfield.policies.parts.steering import Motion, unicycle_twists
 from wayfield.system.compiled import allocating, any_layout, compiled, inlined
+from wayfield.system.elementary import bearing, wrap_angle
 from wayfield.system.threads import one_a_thread
 
 Array = NDArray[np.float64]
 
 MOST_HORIZON = 500  # steps: the Hessian grows with their square
+
+AHEAD = 0.3  # m, of path that is left, from which a plan to stand is no plan
 
 MODEL = aligned(
     [
@@ -73,10 +76,11 @@ class Mpc(PathLaw):
 
     Real-time iteration: the last plan, moved on by a control period, starts at most `iterations` Gauss-Newton steps,
     each a quadratic program of 3 N unknowns within bounds on constant rows, which OSQP starts from the plan and its
-    multipliers. A step that changes no command by `tolerance` is the last. A program that OSQP does not solve within
-    `solver_iterations`, not even to ten times its tolerance, is counted in the memory's field `qp_failures` and changes
-    nothing: the plan that it should have improved is driven on. After `patience` seconds without any program solved the
-    robot brakes with its nominal acceleration and plans from nothing.
+    multipliers. A step that changes no command by `tolerance` is the last. A plan to stand, a local minimum of some
+    starts beside the path, gives way to one that turns towards the path ahead and drives. A program that OSQP does not
+    solve within `solver_iterations`, not even to ten times its tolerance, is counted in the memory's field
+    `qp_failures` and changes nothing: the plan that it should have improved is driven on. After `patience` seconds
+    without any program solved the robot brakes with its nominal acceleration and plans from nothing.
 
     A unicycle law that never reverses: an omni base drives it without its sideways motion.
 
@@ -150,6 +154,9 @@ class Mpc(PathLaw):
                 multipliers[i] = program.multipliers
                 if take_plan(program.arrays.plan, start, commands, progress, i) < self.tolerance:
                     break
+            if commands[i, 0].max() < self.tolerance and start[4] - start[3] > AHEAD:
+                drive_off(model, path, start, commands, progress, i)
+                multipliers[i] = 0.0
             brake = memory["age"][i] * briefing.dt > self.patience
             if brake:
                 commands[i] = progress[i] = multipliers[i] = 0.0
@@ -451,6 +458,21 @@ def take_plan(unknowns, start, commands, progress, i):
         progress[i, k] = max(unknowns[2 * n + k] - sigma, 0.0)
         sigma += progress[i, k]
     return largest
+
+
+@any_layout
+@compiled
+def drive_off(model, path, start, commands, progress, i):
+    """Makes robot i's plan one that turns towards the path ahead and drives: to stand is a local minimum beside it."""
+    m = model[0]
+    n = progress.shape[1]
+    step = m.substeps * m.plant.dt
+    x, y, _, _, _, _ = on_path(path, start[3] + AHEAD)
+    turn = wrap_angle(bearing(y - start[1], x - start[0]) - start[2])
+    for k in range(n):
+        commands[i, 0, k] = 0.5 * m.speed
+        commands[i, 1, k] = 2.0 * turn / (n * step) if k < n // 2 else 0.0
+        progress[i, k] = 0.5 * m.speed * step
 
 
 @any_layout

@@ -3,12 +3,14 @@
 import math
 from typing import Any
 
+import gymnasium
 import numpy as np
 import pytest
 from oracles.model_predictive import DT, PATH_ID, Array, Drive, Problem, planned
 
 import wayfield  # noqa: F401  registers the environments
 from wayfield.envs.world.paths import Path, PathPool
+from wayfield.policies import Pilot, tuned_gains
 from wayfield.policies.parts import pose_path
 from wayfield.policies.paths import mpc
 from wayfield.policies.paths.ilqr import Ilqr
@@ -268,3 +270,23 @@ def test_a_pose_that_is_no_number_is_driven_by_the_plan(law: Any) -> None:
     drive.observation = np.full_like(drive.observation, np.nan)
     assert np.isfinite(drive.pilot.act(drive.observation)).all()
     assert drive.failures == (law is Mpc)
+
+
+@pytest.mark.parametrize(
+    ("scenario", "index", "seed"),
+    [
+        ("circles/claims", 21, 1935915429),
+        ("figure_eights_gerono/claims", 17, 2081140492),
+        ("circuits/claims", 9, 524733596),
+    ],
+)
+def test_a_plan_to_stand_is_left(scenario: str, index: int, seed: int) -> None:
+    """Starts from which the searched gains stood for ever: beside the path, where to drive first costs more."""
+    env = gymnasium.make(PATH_ID, scenario=scenario, actuators="lagged")
+    observation, info = env.reset(seed=seed, options={"scenario": index})
+    pilot = Pilot(Mpc(**tuned_gains("mpc", "path-following")), env)
+    pilot.reset()
+    for _ in range(100):
+        observation, _, _, _, info = env.step(pilot.act(observation))
+    assert info["arc_length"] > 1.0
+    assert abs(info["cross_track_error"]) < 0.02
