@@ -92,7 +92,10 @@ BELONGS: Mapping[str, tuple[str, tuple[str, ...], str]] = {
     "steps": ("--steps", (PAPERS,), f"--suite {PAPERS} with --train"),
 }
 # What does not make an overview the run of a suite: options that all take, and what follows from others.
-_ALWAYS = ("suite", "policies", "seed", "out", "quick", "full", "count", "contests", "entering", "courses", "command")
+_ALWAYS = (
+    *("suite", "policies", "seed", "out", "quick", "full", "count"),
+    *("contests", "on_request", "entering", "courses", "command"),
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -100,7 +103,7 @@ class Options:
     """The options of a run, as the command line or `compare` gives them; None, False and () where nothing is given."""
 
     suite: str | None = None
-    policies: tuple[str, ...] | None = None  # None: all of the contest but those on request
+    policies: tuple[str, ...] | None = None  # None: all of the contest but those on request; "all": these too
     dynamics: str | None = None  # of DYNAMICS
     actuators: str | None = None
     robot: Robot | None = None
@@ -129,6 +132,7 @@ class Options:
     count: int | None = None  # processes
     # what follows from them, where a contest is run
     contests: tuple[str, ...] = ()
+    on_request: bool = False  # whether policies that drive on request alone were asked for: "all"
     entering: tuple[Entrant, ...] = ()  # the policies from outside of the package
     courses: tuple[Course, ...] = ()  # the user's own scenarios, in place of the test split
     command: str = ""  # that makes the same again
@@ -189,7 +193,7 @@ class Options:
             "robot": str(self.robot) if self.robot not in (None, ROBOTS["p3dx"]) else None,
             "agents": tuple(Path(home).resolve().name for home in self.homes),
             "own": tuple(readable(text) for text in self.own),
-            **{"policies": self.names, "families": self.families, "split": self.split},
+            **{"policies": self.names or self.policies, "families": self.families, "split": self.split},
             **{"scale": self.scale, "episodes": self.episodes, "seed": self.seed},
             "cross": "cross" if self.cross else None,
             "people": self.people,
@@ -271,8 +275,9 @@ class Options:
         Raises:
             WrongOption: if a policy of the user's own can take part in none of the contests.
         """
-        names_given = set(contest.policies).difference(contest.on_request) if self.policies is None else self.policies
-        names = tuple(name for name in contest.policies if name in names_given)
+        usual = set(contest.policies).difference(() if self.on_request else contest.on_request)
+        entering = usual if self.policies is None else self.policies
+        names = tuple(name for name in contest.policies if name in entering)
         own = tuple(each for each, where in zip(self.entering, self._places, strict=True) if contest.name in where)
         return Entrants(names, gains_names or self.gains_names, self.homes, own)
 

@@ -376,10 +376,7 @@ def run_public(options: Options) -> None:
         else:
             courses = racetrack_courses(folder, robot, options.scale)
     contest = suite.contest(name)
-    # "all" leaves out none here: some drive in a public benchmark on request alone
-    policies = contest.policies if "all" in (options.policies or ()) else options.policies
-    options = dataclasses.replace(options, robot=robot, policies=policies)
-    _run_contests(options, contest.name, (contest.name,), courses)
+    _run_contests(dataclasses.replace(options, robot=robot), contest.name, (contest.name,), courses)
 
 
 def run_contest(options: Options) -> None:
@@ -402,7 +399,13 @@ def _run_contests(options: Options, suite: str, contests: tuple[str, ...], cours
         own = tuple(own_policy(text) for text in options.own)
     policies = _with_agents(options, [ALL_CONTESTS[name] for name in contests])
     here = dataclasses.replace(
-        options, suite=suite, contests=contests, policies=policies, entering=own, courses=courses
+        options,
+        suite=suite,
+        contests=contests,
+        policies=policies,
+        entering=own,
+        courses=courses,
+        on_request="all" in (options.policies or ()),
     )
     differing = (
         ({"scenarios": Path(options.scenarios).resolve().name} if options.scenarios is not None else {})
