@@ -77,7 +77,7 @@ class Panel:
 _TASKS: tuple[tuple[str, str, str, str, str, str, Mapping[str, str]], ...] = (
     (
         "Path following", "RMS cross-track error (mm), lower is better", "mm", "paths",
-        "path_following_p3dx", "{} tracks {where} more closely than {}",
+        "claims/path_following_p3dx", "{} tracks {where} more closely than {}",
         {"smooth paths": "smooth paths", "paths with corners": "paths with corners"},
     ),
     (
@@ -101,7 +101,7 @@ CROWDS = {  # of the parts those of equal inputs, and in the crowds of others, a
     "in AttnGraph's crowd": "in AttnGraph's crowd of 20",
 }
 TASKS = len(_TASKS) + 1
-_SECTIONS = ("path-following", "goal-obstacles-claims", "docking-claims")  # whose rows these are
+_SECTIONS = ("path-following-claims", "goal-obstacles-claims", "docking-claims")  # whose rows these are
 
 
 def panels(store: Store) -> Iterator[Panel]:

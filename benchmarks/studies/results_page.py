@@ -60,7 +60,10 @@ Row = Mapping[str, str]
 # What README, the index and the advice are about: the heading, the section, the table, and the kinds of scenes.
 Task = tuple[str, str, str, tuple[str, ...]]
 TASKS: tuple[Task, ...] = (
-    ("Follow a path", "path-following", "path_following_p3dx", ("smooth paths", "paths with corners")),
+    (
+        *("Follow a path", "path-following-claims", "claims/path_following_p3dx"),
+        ("smooth paths", "paths with corners"),
+    ),
     (
         *("Follow a reference in time", "trajectory-tracking", "trajectory_tracking_p3dx"),
         ("references that a base can follow",),

@@ -36,7 +36,7 @@ def repository(tmp_path: Path) -> Path:
     (home / "README.md").write_text(
         f"before\n{results_page.BEGIN}\nas it was\n{results_page.END}\nafter\n", encoding="utf-8"
     )
-    folder = home / "results/path-following"
+    folder = home / "results/path-following-claims"
     folder.mkdir(parents=True)
     errors = 0.0123 + 1e-4 * (np.arange(16) - 7.5)
     cells = {"success": 1.0, "mean_speed": 0.6, "cross_track_rms": errors, "tracking_rms": errors}
@@ -50,7 +50,7 @@ def repository(tmp_path: Path) -> Path:
     real = {"wide": "splines", "narrow": "polylines_90"}  # a smooth one and one with corners, as pages tell them apart
     write_rows(folder, [row | {"family": real[row["family"]]} for row in rows])
     manifest = {
-        "command": "python evaluate.py --workers 3 --suite path-following --out somewhere",
+        "command": "python evaluate.py --workers 3 --suite path-following --split claims --out somewhere",
         "code": source_digest(),
         "files": {file.name: file_digest(file) for file in folder.iterdir()},
     }
@@ -78,10 +78,10 @@ def test_a_finished_run_becomes_page_and_readme(repository: Path) -> None:
     assert readme.endswith("after\n")
     assert "vs." in readme
     assert "as it was" not in readme
-    shown = (repository / sections.KEPT / "path-following.md").read_text(encoding="utf-8")
+    shown = (repository / sections.KEPT / "path-following-claims.md").read_text(encoding="utf-8")
     assert "16 scenarios" in shown
     # where it was run and how fast is not what was run
-    assert "Made by `python evaluate.py --suite path-following`, wayfield" in shown
+    assert "Made by `python evaluate.py --suite path-following --split claims`, wayfield" in shown
     assert "somewhere" not in shown
     assert "--workers" not in shown
     # what was kept is enough to make them again, without the run's folder
@@ -100,11 +100,11 @@ def test_what_is_run_is_published_and_what_is_done_is_not_run_again(repository: 
         "out = sys.argv[sys.argv.index('--out') + 1]\n"
         "assert sys.argv[1:3] == ['--suite', 'path-following']\n"
         "assert sys.argv[-2:] == ['--workers', '3']\n"
-        "shutil.copytree('finished/path-following', out)\n"
+        "shutil.copytree('finished/path-following-claims', out)\n"
         "print('ran', file=open('log', 'a'))\n"
     )
     for _ in range(2):
-        ran = run_publish(repository, "--only", "path-following", "--workers", "3")
+        ran = run_publish(repository, "--only", "path-following-claims", "--workers", "3")
         assert ran.exit_code == 0, ran.stderr
         assert (repository / "log").read_text() == "ran\n"
     assert "vs." in (repository / "README.md").read_text(encoding="utf-8")
@@ -148,7 +148,7 @@ def test_a_suite_that_fails_publishes_nothing(repository: Path) -> None:
 
 
 def test_results_of_other_code_that_come_out_otherwise_are_refused_or_marked(repository: Path) -> None:
-    file = repository / "results/path-following/run.json"
+    file = repository / "results/path-following-claims/run.json"
     file.write_text(file.read_text().replace(source_digest(), "0" * 64))
     before = whole(repository)
     refused = run_publish(repository, "--no-run")
@@ -157,12 +157,12 @@ def test_results_of_other_code_that_come_out_otherwise_are_refused_or_marked(rep
     assert "Traceback" not in refused.stderr
     assert whole(repository) == before
     assert run_publish(repository, "--stale").exit_code == 0
-    for name in (f"{sections.KEPT}/path-following.md", "README.md"):
+    for name in (f"{sections.KEPT}/path-following-claims.md", "README.md"):
         assert "**Stale: on 20" in (repository / name).read_text(encoding="utf-8")
 
 
 def test_rows_that_were_edited_are_refused(repository: Path) -> None:
-    file = repository / "results/path-following/episodes.csv"
+    file = repository / "results/path-following-claims/episodes.csv"
     file.write_text(file.read_text().replace("0.0123", "0.0001"))
     before = whole(repository)
     refused = run_publish(repository, "--no-run")
@@ -177,7 +177,7 @@ def test_the_losing_agents_are_told(repository: Path) -> None:
     # the losing agent stands beside the winner, with both numbers, in each kind of scenes
     both = "(11.90 vs. 26.90 mm, 8 paths), and paths with corners (12.70 vs. 34.90 mm, 8 paths)"
     assert f"`mpc` (tuned) tracks smooth paths more closely than PPO {both}" in readme
-    page = (repository / sections.KEPT / "path-following.md").read_text(encoding="utf-8")
+    page = (repository / sections.KEPT / "path-following-claims.md").read_text(encoding="utf-8")
     lines = [
         each for each in page.splitlines() if (each.startswith("| mpc (tuned)") and "p 0" in each) or "p <" in each
     ]
@@ -185,7 +185,7 @@ def test_the_losing_agents_are_told(repository: Path) -> None:
     assert all(" in success; higher error" in line for line in lines)
 
 
-STEMS = {"among moving obstacles": "claims/docking_p3dx", "on smooth paths": "path_following_p3dx"}
+STEMS = {"among moving obstacles": "claims/docking_p3dx", "on smooth paths": "claims/path_following_p3dx"}
 WORDS = {"more": "succeeds more often than", "ahead": "tie", "same": "are equivalent in success rate"}
 WORDS |= {"open": "tie", "error": "tracks smooth paths more closely than"}
 
