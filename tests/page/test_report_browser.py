@@ -411,14 +411,14 @@ def test_every_click_puts_a_thing_and_every_drag_draws_a_path(browser: Browser, 
         tab = watched.page
         tab.get_by_role("button", name="Put things in its way").click()
         before = tab.evaluate("replay.world.obstacles.length")
-        x, y, _ = tab.evaluate("replay.world.goal")
-        for count, at in enumerate(([x + 1.0, y], [x, y + 1.0], [x - 1.0, y])):
-            drag(tab, [at])
+        x, y = tab.evaluate("replay.view.centre")
+        for count in range(3):
+            drag(tab, [[x + 0.3 * count, y]])
             assert tab.evaluate("replay.world.obstacles.length") == before + count + 1
+            assert tab.evaluate("replay.playing || replay.step < replay.last")
             watched.until(DRIVEN)
             tab.evaluate("replay.seek(replay.last)")  # the run is over: the next click starts it again
-        drag(tab, [[x, y - 1.0]])
-        assert tab.evaluate("replay.playing || replay.step < replay.last")
+            watched.until("!replay.playing")
         tab.get_by_role("button", name="Draw a path").click()
         for side in (1.5, -1.5):
             drag(tab, [[0.0, 0.0], [side, 0.5], [2.0 * side, 0.0]])

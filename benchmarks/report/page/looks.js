@@ -198,9 +198,9 @@ class Looks {
     this.on = false;
     this.sides = [0, 1].map(() => ({ shadow: null, kernels: null })); // of the two panes
     this.button = el("button", { type: "button", "aria-pressed": "false", class: "kept", on: { click: () => this.press() } }, "show its thinking");
-    this.legend = el("p", { class: "hint legend-look", hidden: true });
+    this.legend = el("p", { class: "hint", hidden: true });
     this.replay.scanButton.after(this.button);
-    this.replay.board.append(this.legend);
+    this.replay.words.append(this.legend);
     this.replay.under = (view, actor, pane) => this.draw(view, actor, this.sides[pane]);
   }
 

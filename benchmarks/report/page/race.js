@@ -47,11 +47,12 @@ class Race {
 
   // The sentence and the three buttons above the picture; what a tool or a law's thinking is about takes the sentence's place.
   lay() {
-    const { replay, drive } = this;
+    const { replay } = this;
     const button = (text, click) => el("button", { type: "button", on: { click } }, text);
     this.sentence = el("p", { class: "sentence", role: "status" });
     this.number = el("select", { "aria-label": "challenge", on: { change: () => this.open(Number(this.number.value)) } });
-    const front = el("div", { class: "front" }, el("div", { class: "words" }, replay.hint, drive.looks.legend, this.sentence), el("div", { class: "large" }, button("Race it", () => this.start()), button("Draw a path", (event) => this.draw(!event.detail)), button("Put things in its way", (event) => this.put(!event.detail))),
+    replay.words.append(this.sentence);
+    const front = el("div", { class: "front" }, replay.words, el("div", { class: "large" }, button("Race it", () => this.start()), button("Draw a path", (event) => this.draw(!event.detail)), button("Put things in its way", (event) => this.put(!event.detail))),
       el("label", { class: "numbers" }, "challenges", this.number));
     this.list();
     replay.app.before(front);
@@ -150,8 +151,9 @@ class Race {
 
   put(keys) {
     const { drive, replay } = this;
-    if (replay.other || replay.world.path || !replay.world.goal) {
-      this.place(this.challenges[0]);
+    if (replay.other || replay.world.path || !replay.world.goal) this.place(this.challenges[0]);
+    if (!drive.runs.length) {
+      if (drive.who.value === KEYBOARD) drive.who.value = drive.usual(drive.able());
       drive.go();
     }
     drive.editor.take("disc", keys, true);

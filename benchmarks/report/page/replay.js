@@ -68,14 +68,15 @@ class Replay {
       this.scrubber, this.clock, this.rates, this.followButton, this.scanButton, this.splitButton,
       recordButton(this), this.fitButton);
     this.hint = el("p", { class: "hint", hidden: true, role: "status" });
-    this.board = el("div", { class: "board" }, this.canvas, this.beside, this.hint, this.panes);
+    this.words = el("div", { class: "words" }, this.hint); // beside the picture, never over it
+    this.board = el("div", { class: "board" }, this.canvas, this.beside, this.panes);
     this.quick = el("div", { class: "quick" });
     this.scenario = el("details", { open: true, class: "scenes" }, el("summary", {}, "Scene"), this.picks, this.told_of);
     this.side = el("div", { class: "side" }, this.list, this.scenario);
     this.app = el("div", { class: "app" }, this.board, this.quick, this.bar, this.side, el("div", { class: "traces" }, this.traces.map((trace) => trace.canvas)));
-    byId("player").append(this.app);
+    byId("player").append(this.words, this.app);
     this.place = () => this.app.style.setProperty("--top", `${Math.round(this.app.getBoundingClientRect().top + window.scrollY)}px`);
-    new ResizeObserver(this.place).observe(document.querySelector("header"));
+    for (const above of [document.querySelector("header"), this.words]) new ResizeObserver(this.place).observe(above);
     this.place();
     this.wire();
   }
@@ -246,7 +247,7 @@ class Replay {
         on: { change: () => { actor.hidden = !shown.checked; this.refresh(true); } } });
       const ended = this.tells(actor);
       const bad = ended && actor.outcome !== "success";
-      const note = [ended ? OUTCOMES[actor.outcome] : this.waits(actor) ? "being computed" : (!actor.outcome && actor.note) || "drives", ended ? actor.note : "", actor.ghost ? "recorded in the scene as it was" : ""].filter(Boolean).join(", ");
+      const note = [ended ? OUTCOMES[actor.outcome] : this.step && this.step >= actor.x.length - 1 && this.waits(actor) ? "being computed" : (!actor.outcome && actor.note) || "drives", ended ? actor.note : "", actor.ghost ? "recorded in the scene as it was" : ""].filter(Boolean).join(", ");
       return el("li", { "data-chosen": actor === this.chosen ? "yes" : "no" }, shown, swatch(actor.policy),
         el("button", { type: "button", class: "name", "aria-label": actor.label, "aria-pressed": actor === this.chosen, title: aboutOf(actor.policy), on: { click: () => this.choose(actor) } }, actor.label),
         el("button", { type: "button", class: "drop-out", "aria-label": `take out ${actor.label}`, title: "take this run out", on: { click: () => this.takeOut(actor) } }, "×"),
