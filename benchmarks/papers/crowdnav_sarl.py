@@ -12,7 +12,7 @@ CLAIM = Claim(
         Printed("ORCA, success, robot unseen", "0.43", "Table I, second-hand"),
         Printed("SARL, success, robot unseen", "0.99", "Table I, second-hand"),
     ),
-    setting="The first 150 of CrowdNav's 500 test cases in its own rules: holonomic, 0.25 s, 1 m/s, no lag.",
+    setting="CrowdNav's 500 test cases in its own rules: holonomic, 0.25 s, 1 m/s, no lag.",
     differs=(
         "One network, trained by CrowdNav's code and configuration by others than the authors (pull request 34 of "
         "vita-epfl/CrowdNav, its log: success 1.00). It assumes that people keep their velocities; the paper's asks "
@@ -20,11 +20,10 @@ CLAIM = Claim(
         "Nothing in the rules, which are restated; ORCA comes to RVO2's shares and times (a test holds it).",
         "CrowdNav's test.py sets ORCA's safety_space to 0, beside a comment that says to tune it for an unseen robot.",
     ),
-    would_change="More networks, and all 500 cases: in those SARL comes to 99.0 %, (a) to 42.6 and (b) to 96.8, which "
-    "was driven without keeping each case. Success is not all: SARL is quicker, and within 0.2 m of "
-    "people in 2.3 % of its steps, where (b) is in 14.1 % and (a) in 30.0 %, since gains are searched for success and "
-    "time alone. ORCA with 0.138 m of safety space and a horizon of 7.28 s comes to 98.2 % in 12.0 s, near people in "
-    "0.2 %: seen on the tests, so it is no side here.",
+    would_change="More networks: one has no spread. Success is not all: SARL is quicker, and within 0.2 m of people in "
+    "2.3 % of its steps, where (b) is in 14.1 % and (a) in 30.0 %, since gains are searched for success and time alone. "
+    "ORCA with 0.138 m of safety space and a horizon of 7.28 s comes to 98.2 % in 12.0 s, near people in 0.2 %: seen on "
+    "the tests, so it is no side here.",
     contest="crowdnav",
     families=("crowdnav",),
     robot="omni3",
@@ -36,7 +35,7 @@ CLAIM = Claim(
         "orca",
         budget="100 sets on 200 cases with training seeds, 10 s of a core; chosen there",
     ),
-    gate=Gate(0.43, "ORCA in CrowdNav's own rules, all 500 tests, which a test drives", 0.426),
+    gate=Gate(0.43, "ORCA in CrowdNav's own rules, which a test drives"),
     published="python benchmarks/studies/crowdnav_rules.py my_folder/rl_model.safetensors",
-    scenes=150,
+    scenes=500,
 )
