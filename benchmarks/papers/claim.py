@@ -37,7 +37,7 @@ ONLY_UNTUNED = "holds only against the untuned rival"
 DOES_NOT_HOLD = "does not hold"
 OPEN = "open"
 NO_VERDICT = "no verdict: rival not reproduced"
-AGENT, UNTUNED, TUNED, ALSO = "agent", "a", "b", "c"  # sides, as rows call them
+AGENT, UNTUNED, TUNED, ALSO, BESIDE = "agent", "a", "b", "c", "beside"  # sides, as rows call them
 COLUMNS = ("claim", "side", "seed", "family", "scene", "success", "cost")
 
 
@@ -104,6 +104,7 @@ class Claim:
     untuned: Side | None  # (a); None: the source names no gains
     tuned: Side | None  # (b); None: no search was made yet
     also: Side | None = None  # (c), a part of the agent that it has to beat too
+    beside: Side | None = None  # driven for comparison: no verdict looks at it
     training: Training | None = None  # None: nothing in it was trained
     gate: Gate | None = None  # None: the source prints nothing that it could be compared with
     split: str = "claims"
@@ -114,7 +115,7 @@ class Claim:
     @property
     def sides(self) -> dict[str, Side]:
         """Returns those that there are."""
-        found = {AGENT: self.agent, UNTUNED: self.untuned, TUNED: self.tuned, ALSO: self.also}
+        found = {AGENT: self.agent, UNTUNED: self.untuned, TUNED: self.tuned, ALSO: self.also, BESIDE: self.beside}
         return {name: side for name, side in found.items() if side is not None}
 
 
@@ -166,7 +167,7 @@ def settings(claim: Claim, side: Side, scenes: int, home: Path | None = None) ->
     if claim.course is not None:
         courses = [dataclasses.replace(claim.course, members=claim.course.members[:scenes])]
     else:
-        courses = [Course(family, claim.split) for family in claim.families]
+        courses = [contest.course(family, claim.split, claim.robot) for family in claim.families]
     own = ":" in side.policy
     if own:
         anew = home is not None and claim.training is not None and claim.training.function
@@ -183,21 +184,23 @@ def settings(claim: Claim, side: Side, scenes: int, home: Path | None = None) ->
 
 
 def drive(claim: Claim, scenes: int = 0, home: Path | None = None) -> Iterator[dict[str, str]]:
-    """Yields a row of COLUMNS for each episode.
+    """Yields a row of COLUMNS for each episode; where times are compared, a failure takes the whole clock.
 
     Args:
         scenes: of each family; 0: as the claim says.
         home: a folder of agents that `train` has trained, which drive in place of those that ship.
     """
-    metric = ALL_CONTESTS[claim.contest].cost.metric if claim.measure == "error" else "time"
+    contest: Contest = ALL_CONTESTS[claim.contest]
+    metric = contest.cost.metric if claim.measure == "error" else "time"
     with contextlib.ExitStack() as stack:
         if home is not None and claim.training is not None and claim.training.ships:
             stack.enter_context(in_place_of(claim.training.ships, home))
         for name, side in claim.sides.items():
             for seed, setting in settings(claim, side, scenes or claim.scenes, home):
+                clock = contest.failure_cost(setting.case.max_episode_steps)
                 for i, (row, _) in enumerate(episodes(setting)):
-                    cost, won = f"{row[metric]:.6g}", f"{int(row['success'])}"
-                    cells = (claim.name, name, seed, row["family"], str(i), won, cost)
+                    cost = row[metric] if row["success"] or claim.measure != "time" else clock
+                    cells = (claim.name, name, seed, row["family"], str(i), f"{int(row['success'])}", f"{cost:.6g}")
                     yield dict(zip(COLUMNS, cells, strict=True))
 
 
@@ -225,11 +228,11 @@ def gathered(rows: Iterable[Mapping[str, str]]) -> tuple[dict[str, Driven], list
 def gain(agent: Driven, rival: Driven, strata: Sequence[str], measure: Measure) -> Difference:
     """Returns by how much the agent does better: a share of successes, or of the rival's mean time or error.
 
-    Times and errors are compared in the scenes that every seed of both solves.
+    Errors are compared in the scenes that every seed of both solves, times in all.
     """
     if measure == "success":
         return difference(agent.success, rival.success, strata, "share")
-    both = np.asarray((agent.success > 0.0).all(axis=1) & (rival.success > 0.0).all(axis=1))
+    both = np.asarray((agent.success > 0.0).all(axis=1) & (rival.success > 0.0).all(axis=1)) | (measure == "time")
     if not both.any():
         return Difference(math.nan, math.nan, math.nan, math.nan)
     scale = float(rival.cost[both].mean())
@@ -243,6 +246,7 @@ class Finding:
 
     verdict: str
     gains: Mapping[str, Difference]  # of the agent against each side that there is
+    ps: Mapping[str, float]  # of them, as they were judged
     measured: float  # what the gate looked at; NaN without one
 
 
@@ -270,7 +274,7 @@ def judge(
         here = sides[UNTUNED].share if claim.measure == "success" else sides[UNTUNED].mean_cost
         measured = here if claim.gate.calibrated is None else claim.gate.calibrated
         if not abs(measured - claim.gate.number) <= (1.0 if claim.measure == "success" else claim.gate.number) * margin:
-            return Finding(NO_VERDICT, found, measured)
+            return Finding(NO_VERDICT, found, ps, measured)
 
     def better(name: str) -> bool:
         return name in found and found[name].low > 0.0 and ps[name] < SIGNIFICANT
@@ -282,15 +286,20 @@ def judge(
         verdict = OPEN
     else:
         verdict = ONLY_UNTUNED if better(UNTUNED) else DOES_NOT_HOLD
-    return Finding(verdict, found, measured)
+    return Finding(verdict, found, ps, measured)
 
 
-LABELS = {AGENT: "claimed", UNTUNED: "(a)", TUNED: "(b)", ALSO: "(c)"}
+LABELS = {AGENT: "claimed", UNTUNED: "(a)", TUNED: "(b)", ALSO: "(c)", BESIDE: "beside"}
 
 
 def measured_words(claim: Claim, side: Driven) -> str:
-    """Returns success and cost of a side."""
-    cost = f"{1000.0 * side.mean_cost:.2f} mm" if claim.measure == "error" else f"{side.mean_cost:.1f} s"
+    """Returns success and cost of a side: the error or time of its successes; where times are compared, of all."""
+    if claim.measure == "error":
+        cost = f"{1000.0 * side.mean_cost:.2f} mm"
+    elif claim.measure == "time":
+        cost = f"{side.cost.mean():.2f} s"
+    else:
+        cost = f"{side.mean_cost:.1f} s"
     return f"{100.0 * side.share:.1f} %, {cost}"
 
 

@@ -21,9 +21,9 @@ CLAIM = Claim(
         "CrowdNav's test.py sets ORCA's safety_space to 0, beside a comment that says to tune it for an unseen robot.",
     ),
     would_change="More networks: one has no spread. Success is not all: SARL is quicker, and within 0.2 m of people in "
-    "2.3 % of its steps, where (b) is in 14.1 % and (a) in 30.0 %, since gains are searched for success and time alone. "
-    "ORCA with 0.138 m of safety space and a horizon of 7.28 s comes to 98.2 % in 12.0 s, near people in 0.2 %: seen on "
-    "the tests, so it is no side here.",
+    "2.3 % of its steps, where (b) is in 14.1 % and (a) in 30.0 %, since gains are searched for success and time "
+    "alone. ORCA with 0.138 m of safety space and a horizon of 7.28 s comes to 98.2 % in 12.0 s, near people in "
+    "0.2 %: seen on the tests, so it is no side here.",
     contest="crowdnav",
     families=("crowdnav",),
     robot="omni3",

@@ -1,10 +1,7 @@
 """PPO that sets pure pursuit's look-ahead beats a fixed one."""
 
 import dataclasses
-import functools
-import itertools
 from collections.abc import Iterable
-from importlib import resources
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -13,42 +10,32 @@ from numpy.typing import NDArray
 
 from wayfield.benchmarks.contests import CONTESTS
 from wayfield.benchmarks.papers.claim import Claim, Printed, Side, Training
+from wayfield.benchmarks.papers.networks import Networked
 from wayfield.envs import path_following
+from wayfield.envs.scenarios.splits import split
 from wayfield.envs.tasks.briefing import Briefing
-from wayfield.policies.parts.carrot import (
-    distance_left,
-    place_on_lap,
-    point_at_distance,
-    pursuit_curvature,
-    stopping_speed,
-)
+from wayfield.policies.parts.params import params
 from wayfield.policies.parts.path_smoothing import smoothed
 from wayfield.policies.parts.steering import Motion
-from wayfield.system.compiled import compiled
-from wayfield.system.elementary import sin_cos
-from wayfield.system.reading import read_arrays
+from wayfield.policies.paths.pure_pursuit import PurePursuit, pursue
 
 SHORTEST, LONGEST = 0.1, 1.0  # m, look-ahead
-WINDOW, DECELERATION = 1.5, 1.0  # m, m/s^2, as pure pursuit has them
 NAME, STEPS = "lookahead_ppo", 1_500_000  # of each seed
 FAMILIES = CONTESTS["path-following"].scenes["smooth paths"]
 HORIZONS = (0, 2, 4, 6)  # vertices of the preview at which curvatures are seen
-INPUTS = 3 + len(HORIZONS)
-WEIGHTS = "lookahead_ppo.safetensors"
+GIVEN, SCALE = 0.1, 0.02  # m, at which progress is worth half: to the environment, and here, where millimetres count
 
 Array = NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True)
-class Pursuit:
+class Pursuit(Networked):
     """Pure pursuit whose look-ahead is set anew in every control period: by a network, or by a rule of four numbers.
 
     L = base + by_speed v + by_error abs(e) + by_turn abs(heading error).
 
     Args:
         base, by_speed, by_error, by_turn: m, s, 1 and m/rad; where the first is 0 a network drives.
-        seed: of the network.
-        folder: of the networks; "": those that ship.
         speed: m/s, of cruising.
     """
 
@@ -56,100 +43,61 @@ class Pursuit:
     by_speed: float = 0.0
     by_error: float = 0.0
     by_turn: float = 0.0
-    seed: int = 0
-    folder: str = ""
     speed: float = 0.6
 
+    weights: ClassVar[str] = "lookahead_ppo.safetensors"
+    inputs: ClassVar[int] = 3 + len(HORIZONS)
     knows: ClassVar[str] = "path"
     observes: ClassVar[tuple[type, ...]] = (path_following.Observation,)
 
-    def reset(self, briefing: Briefing) -> Array:
-        """Returns an empty memory."""
-        return np.empty((briefing.num_envs, 0))
-
-    def act(self, observation: Any, briefing: Briefing, memory: Array) -> Array:
+    def act(self, observation: Any, briefing: Briefing, memory: NDArray[Any]) -> Array:
         """Returns the twists (b, 2), m/s and rad/s."""
-        del memory
         if self.base <= 0.0:
-            return driven(observation, briefing, answer(self.folder, self.seed, observation), self.speed)
+            return super().act(observation, briefing, memory)
         lengths = self.base + self.by_speed * observation.twist[:, 0]
         lengths += self.by_error * np.abs(observation.cross_track_error)
         lengths += self.by_turn * np.abs(observation.heading_error)
-        return pursued(observation, briefing, lengths, self.speed)
+        return self.pursued(observation, briefing, lengths)
+
+    def see(self, observation: Any, briefing: Briefing) -> Array:
+        """Returns what a network sees (b, inputs): speed, both errors, and curvatures ahead, each about 1 at most."""
+        steps = np.diff(observation.preview, axis=1)
+        angles = np.arctan2(steps[:, :, 1], steps[:, :, 0])
+        turns = np.diff(angles, axis=1)
+        turns = (turns + np.pi) % (2.0 * np.pi) - np.pi
+        ahead = np.clip(turns[:, HORIZONS], -1.5, 1.5)
+        errors = np.minimum(np.abs([observation.cross_track_error / 0.1, observation.heading_error / 0.5]), 3.0)
+        return np.column_stack([observation.twist[:, 0] / 0.6, *errors, np.abs(ahead)])
+
+    def driven(self, observation: Any, briefing: Briefing, memory: NDArray[Any]) -> Array:
+        """Returns the twists (b, 2) by memory["action"]: -1 is the shortest look-ahead, 1 the longest."""
+        lengths = SHORTEST + 0.5 * (LONGEST - SHORTEST) * (memory["action"][:, 0] + 1.0)
+        return self.pursued(observation, briefing, lengths)
+
+    def pursued(self, observation: Any, briefing: Briefing, lengths: Array) -> Array:
+        """Returns the twists (b, 2) of pure pursuit with a look-ahead (b,), m, of each robot."""
+        law, twists = PurePursuit(speed=self.speed), np.empty((len(observation.pose), 2))
+        slows = min(law.deceleration, briefing.actuators.acceleration)
+        gains = np.repeat(params(law, briefing, deceleration=slows), len(twists))
+        gains["lookahead_distance"] = np.clip(lengths, SHORTEST, LONGEST)
+        pursue(gains, *smoothed(briefing.path, Motion.of(observation)), twists)
+        return twists
 
 
-def inputs(observation: Any) -> Array:
-    """Returns what a network sees (b, INPUTS): speed, both errors, and curvatures ahead, each about 1 at most."""
-    steps = np.diff(observation.preview, axis=1)
-    angles = np.arctan2(steps[:, :, 1], steps[:, :, 0])
-    turns = np.diff(angles, axis=1)
-    turns = (turns + np.pi) % (2.0 * np.pi) - np.pi
-    ahead = np.clip(turns[:, HORIZONS], -1.5, 1.5)
-    errors = np.minimum(np.abs([observation.cross_track_error / 0.1, observation.heading_error / 0.5]), 3.0)
-    return np.column_stack([observation.twist[:, 0] / 0.6, *errors, np.abs(ahead)])
-
-
-def answer(folder: str, seed: int, observation: Any) -> Array:
-    """Returns the actions (b,), -1 to 1, of the network of a training seed: of a folder, or those that ship."""
-    seen = inputs(observation)
-    *hidden, (last, offset) = layers(folder, seed)
-    for matrix, bias in hidden:
-        seen = np.tanh(seen @ matrix.T + bias)
-    return np.clip((seen @ last.T + offset)[:, 0], -1.0, 1.0)
-
-
-@functools.lru_cache(maxsize=32)
-def layers(folder: str, seed: int) -> list[tuple[Array, Array]]:
-    """Returns the layers (matrix, bias) of a network.
-
-    Raises:
-        ValueError: if the file cannot be read, or has no network of this seed.
-    """
-    ships = Path(str(resources.files("wayfield.benchmarks.papers")))
-    file = (Path(folder) if folder else ships) / WEIGHTS
-    arrays, _ = read_arrays(file)
-    there = itertools.takewhile(lambda name: f"{name}.weight" in arrays, (f"{seed}.{k}" for k in itertools.count()))
-    found = [(arrays[f"{name}.weight"].astype(np.float64), arrays[f"{name}.bias"].astype(np.float64)) for name in there]
-    if not found:
-        raise ValueError(f"{file} has no network of seed {seed}")
-    return found
-
-
-def driven(observation: Any, briefing: Briefing, actions: Array, speed: float = Pursuit.speed) -> Array:
-    """Returns the twists (b, 2) by actions (b,): -1 is the shortest look-ahead, 1 the longest."""
-    lengths = SHORTEST + 0.5 * (LONGEST - SHORTEST) * (np.clip(actions, -1.0, 1.0) + 1.0)
-    return pursued(observation, briefing, lengths, speed)
-
-
-def pursued(observation: Any, briefing: Briefing, lengths: Array, speed: float) -> Array:
-    """Returns the twists (b, 2) of pure pursuit with a look-ahead (b,), m, of each robot."""
-    twists = np.empty((len(observation.pose), 2))
-    slows = min(DECELERATION, briefing.actuators.acceleration)
-    pursue(speed, slows, np.clip(lengths, SHORTEST, LONGEST), *smoothed(briefing.path, Motion.of(observation)), twists)
-    return twists
-
-
-@compiled
-def pursue(speed, slows, lengths, course, motion, twists):
-    """Fills the (b, 2) speeds and yaw rates, as `pure_pursuit.pursue` with one look-ahead a robot."""
-    vertices, runs, path_index = course
-    for i in range(path_index.shape[0]):
-        run = runs[path_index[i]]
-        x, y, heading = motion.poses[i]
-        sine, cosine = sin_cos(heading)
-        along, segment = place_on_lap(vertices, run, motion.arc_lengths[i])
-        px, py = point_at_distance(vertices, run, x, y, along, segment, lengths[i], WINDOW)
-        curvature, _, _ = pursuit_curvature(x, y, sine, cosine, px, py)
-        v = min(speed, stopping_speed(distance_left(run, along), slows))
-        twists[i, 0] = v
-        twists[i, 1] = v * curvature
+def worth(observation: Any, rewards: NDArray[Any]) -> Array:
+    """Returns what a step is worth by the environment's reward, where millimetres count."""
+    off = observation.cross_track_error
+    finer = (1.0 + (off / GIVEN) ** 2) / (1.0 + (off / SCALE) ** 2)
+    return np.where(rewards > 0.0, rewards * finer, rewards)
 
 
 def train(home: Path, seeds: Iterable[int], steps: int | None) -> None:
     """Trains the networks anew."""
-    from wayfield.benchmarks.papers import lookahead_training
+    from wayfield.benchmarks.papers import training
 
-    lookahead_training.train(home, seeds, steps or STEPS)
+    paths = [each for name in FAMILIES for each in split("path_following", name, "train")]
+    lesson = {"env_id": "wayfield/DiffDrivePathFollowing-v0", "scenario": paths, "max_episode_steps": 1200}
+    training.train(home, [Pursuit(seed) for seed in seeds], lambda _: {**lesson, "worth": worth}, steps or STEPS)
 
 
 CLAIM = Claim(

@@ -174,13 +174,14 @@ def page(root: Path = Path()) -> str:
         f"**{counted(found)}** Each verdict is about a setting of ours, which differs from its paper's: read that "
         "first. Where (a) misses the paper's number nothing is compared.", "",
         "Each claim says that one policy does better than a rival. (a) is the rival as the source has it, (b) the same "
-        "with gains that were searched on training scenes, (c) a part that the claimed policy contains. All meet the "
-        "same scenes. Better: a 95 % interval above 0, after Holm's correction for all comparisons of this page. "
-        f"Margins: {margins}. `{HOLDS}`: better than (b), and than (c) where there is "
+        "with gains that were searched on training scenes, (c) a part that the claimed policy contains; what is driven "
+        "beside them has no part in the verdict. All meet the same scenes. Better: a 95 % interval above 0, after "
+        "Holm's correction for all comparisons of this page. "
+        f"Margins: {margins}. A time is that of all scenes, a failure the whole clock; errors are compared where both "
+        f"succeed. `{HOLDS}`: better than (b), and than (c) where there is "
         f"one. `{ONLY_UNTUNED}`: better than (a), and against (b) no more "
         f"than the margin. `{OPEN}`: no (b) was searched, the interval against (b) reaches beyond the margin, or "
-        f"(c) is not beaten. "
-        f"`{NO_VERDICT}`: (a) misses the printed number by more than the margin.", "",
+        f"(c) is not beaten. `{NO_VERDICT}`: (a) misses the printed number by more than the margin.", "",
         "| claim | what differs most | setting | claimed | (a) | (b) | against (a) | against (b) | n | verdict |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]  # fmt: skip
@@ -196,12 +197,14 @@ def page(root: Path = Path()) -> str:
         lines += [f"| {row.words} | {row.number} | {row.place} |" for row in claim.printed]
         lines += [
             "",
-            "| side | policy | budget | success and cost | seeds | claimed against it |",
-            "|---|---|---|---|---|---|",
+            "| side | policy | budget | success and cost | seeds | claimed against it | p, corrected |",
+            "|---|---|---|---|---|---|---|",
         ]
         for name, side in claim.sides.items():
             cells = [LABELS[name], side.words, side.budget, measured_words(claim, sides[name])]
-            lines.append(f"| {' | '.join([*cells, str(sides[name].success.shape[1]), told(claim, each, name)])} |")
+            against = told(claim, each, name)
+            cells += [str(sides[name].success.shape[1]), against, f"{each.ps[name]:.2g}" if against else ""]
+            lines.append(f"| {' | '.join(cells)} |")
         command = claim.published or f"wayfield evaluate --suite papers --claim {claim.name}"
         lines += [
             "",

@@ -72,10 +72,10 @@ class PurePursuit(PathLaw):
 @any_layout
 @compiled
 def pursue(params, course, motion, twists):
-    """Fills the (b, 2) speeds and yaw rates of `PurePursuit.act`."""
-    p = params[0]
+    """Fills the (b, 2) speeds and yaw rates of `PurePursuit.act`, by one record of gains for all or one for each."""
     vertices, runs, path_index = course
     for i in range(path_index.shape[0]):
+        p = params[min(i, params.shape[0] - 1)]
         run = runs[path_index[i]]
         x, y, heading = motion.poses[i]
         sine, cosine = sin_cos(heading)

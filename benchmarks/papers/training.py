@@ -1,0 +1,125 @@
+"""Trains the networks of claims: stable-baselines3's PPO, in vector environments of ours."""
+
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from safetensors.numpy import save
+from stable_baselines3 import PPO
+from stable_baselines3.common.vec_env import VecEnv
+
+from wayfield.benchmarks.papers.networks import Networked
+from wayfield.system.storage import write_whole
+
+ROBOTS = 128
+DIGITS = 5  # of the weights that are kept
+
+Worth = Callable[[Any, NDArray[Any]], NDArray[Any]]  # of what a step leads to and its reward: its worth (b,)
+
+
+class LessonEnv(VecEnv):
+    """Robots whose actions are the numbers that the network of a policy sets, and which see what it sees.
+
+    An action holds as long as in the policy. A row that ends before goes on in its next episode under the action of
+    its last; what that earns counts for nothing.
+
+    Args:
+        law: whose network learns.
+        seed: of the first episode's row, in thousands.
+        worth: instead of the environment's reward.
+        kwargs: of the environment.
+    """
+
+    def __init__(self, law: Networked, seed: int, env_id: str, worth: Worth | None = None, **kwargs: Any) -> None:
+        how: dict[str, Any] = {"vectorization_mode": "vector_entry_point", "autoreset_mode": "SameStep", **kwargs}
+        env: Any = gymnasium.make_vec(env_id, ROBOTS, actuators="lagged", **how)
+        self.law, self.env, self.layout, self.first, self.worth = law, env, env.task.layout, 1000 * seed, worth
+        box = gymnasium.spaces.Box
+        super().__init__(ROBOTS, box(-10.0, 10.0, (law.inputs,), np.float32), box(-1.0, 1.0, (law.actions,)))
+
+    def _see(self, fields: Any) -> Any:
+        return self.law.see(fields, self.briefing).astype(np.float32)
+
+    def reset(self) -> Any:
+        """Starts an episode in every row."""
+        observations, _ = self.env.reset(seed=self.first)
+        self.briefing = self.env.briefing(self.law.knows)
+        self.memory = self.law.reset(self.briefing)
+        self.fields = self.layout.unpack(observations.astype(np.float64))
+        return self._see(self.fields)
+
+    def step_async(self, actions: Any) -> None:
+        """Takes the actions (ROBOTS, n)."""
+        self.memory["action"] = np.clip(actions.astype(np.float64), -1.0, 1.0)
+
+    def step_wait(self) -> Any:
+        """Moves every robot for as long as an action holds."""
+        earned, done, infos = np.zeros(ROBOTS), np.zeros(ROBOTS, bool), [dict[str, Any]() for _ in range(ROBOTS)]
+        for _ in range(self.law.held):
+            twists = self.law.driven(self.fields, self.briefing, self.memory)
+            observations, rewards, terminated, truncated, info = self.env.step(twists)
+            ended = terminated | truncated
+            for i in np.flatnonzero(ended & ~done).tolist():
+                last = self._see(self.layout.unpack(info["final_obs"][i][None].astype(np.float64)))[0]
+                cut = bool(truncated[i] and not terminated[i])
+                infos[i] = {"terminal_observation": last, "TimeLimit.truncated": cut}
+            if ended.any():
+                self.briefing = self.env.briefing(self.law.knows)
+                action = self.memory["action"][ended]
+                self.memory[ended] = self.law.reset(self.briefing)[ended]
+                self.memory["action"][ended] = action
+            self.fields = self.layout.unpack(observations.astype(np.float64))
+            earned += np.where(done, 0.0, self.worth(self.fields, rewards) if self.worth else rewards)
+            done |= ended
+        return self._see(self.fields), earned.astype(np.float32), done, infos
+
+    def close(self) -> None:
+        """Closes the environment."""
+        self.env.close()
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        """Returns None for each row: they have no attributes of their own."""
+        return [None] * ROBOTS
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        """Does nothing."""
+
+    def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
+        """Returns None for each row."""
+        return [None] * ROBOTS
+
+    def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
+        """Returns False for each row."""
+        return [False] * ROBOTS
+
+
+def trained(env: LessonEnv, seed: int, steps: int, **how: Any) -> dict[str, NDArray[Any]]:
+    """Returns the layers of the network that a seed learns, by PPO with these arguments."""
+    torch.set_num_threads(1)
+    how = {"n_steps": 128, "batch_size": 4096, "n_epochs": 6, "learning_rate": 1e-3, "gamma": 0.98, **how}
+    network = {"net_arch": [32, 32], "activation_fn": torch.nn.Tanh, "log_std_init": -0.7}
+    model = PPO("MlpPolicy", env, seed=seed, policy_kwargs=network, device="cpu", **how)
+    model.learn(steps)
+    hidden: Any = model.policy.mlp_extractor.policy_net
+    arrays = {}
+    for k, layer in enumerate((hidden[0], hidden[2], model.policy.action_net)):
+        for name in ("weight", "bias"):
+            arrays[f"{k}.{name}"] = getattr(layer, name).detach().numpy().round(DIGITS)
+    return arrays
+
+
+def train(
+    home: Path, laws: Iterable[Networked], lesson: Callable[[Networked], Mapping[str, Any]], steps: int, **how: Any
+) -> None:
+    """Trains the networks of some policies, and writes their weights into a folder."""
+    arrays, weights = {}, ""
+    for law in laws:
+        env = LessonEnv(law, law.seed, **lesson(law))
+        arrays |= {f"{law.network}.{name}": each for name, each in trained(env, law.seed, steps, **how).items()}
+        weights = law.weights
+    home.mkdir(parents=True, exist_ok=True)
+    write_whole(home / weights, save(arrays))
