@@ -437,7 +437,10 @@ def run_papers(options: Options) -> None:
                 train(claim, home, options.steps)
             except subprocess.CalledProcessError as error:
                 raise click.ClickException("the training failed, as said above") from error
-        rows = list(drive(claim, options.episodes or 0, home))
+        try:
+            rows = list(drive(claim, options.episodes or 0, home))
+        except ValueError as error:  # of a claim that is being written
+            raise click.ClickException(f"claim {claim.name}: {error}") from error
     folder.mkdir(parents=True, exist_ok=True)
     write_whole(folder / f"{claim.name}.csv", written(rows))
     found, sides, strata = of_rows(claim, rows)

@@ -106,10 +106,12 @@ class Claim:
     also: Side | None = None  # (c), a part of the agent that it has to beat too
     beside: Side | None = None  # driven for comparison: no verdict looks at it
     training: Training | None = None  # None: nothing in it was trained
+    as_long: bool = True  # whether it was trained as long as the source's; if not, no verdict goes against the source
     gate: Gate | None = None  # None: the source prints nothing that it could be compared with
     split: str = "claims"
     scenes: int = 25  # of each family
     course: Course | None = None  # in place of families
+    answer: str = ""  # of the authors: where it stands
     published: str = ""  # the study that keeps its rows, where `evaluate` does not make them
 
     @property
@@ -162,7 +164,11 @@ def train(claim: Claim, home: Path, steps: int | None = None) -> None:
 
 
 def settings(claim: Claim, side: Side, scenes: int, home: Path | None = None) -> Iterator[tuple[str, Setting]]:
-    """Yields the training seed ("" of controllers) and the setting of each part of a side; `home` as `drive` has it."""
+    """Yields the training seed ("" of controllers) and the setting of each part of a side; `home` as `drive` has it.
+
+    Raises:
+        ValueError: if a policy has no such set of gains.
+    """
     contest: Contest = ALL_CONTESTS[claim.contest]
     if claim.course is not None:
         courses = [dataclasses.replace(claim.course, members=claim.course.members[:scenes])]
@@ -177,10 +183,14 @@ def settings(claim: Claim, side: Side, scenes: int, home: Path | None = None) ->
     else:
         entrants = Entrants((side.policy,), ("tuned" if side.gains == HAND_TUNED["tuned"] else side.gains,))
     for course in courses:
-        for case in contest.cases(claim.robot, course, entrants):
-            if own or case.gains_name == side.gains:
-                seed = str(case.gains.get("seed", ""))
-                yield seed, Setting(contest.name, case, "kinematic", "lagged", 0, scenes, members=course.members)
+        cases = [each for each in contest.cases(claim.robot, course, entrants) if own or each.gains_name == side.gains]
+        if not cases:
+            every = contest.cases(claim.robot, course, dataclasses.replace(entrants, gains_names=("default", "tuned")))
+            there = ", ".join(dict.fromkeys(each.gains_name for each in every))
+            raise ValueError(f"{side.policy} has no gains {side.gains!r} for {claim.robot} here; choose from {there}")
+        for case in cases:
+            seed = str(case.gains.get("seed", ""))
+            yield seed, Setting(contest.name, case, "kinematic", "lagged", 0, scenes, members=course.members)
 
 
 def drive(claim: Claim, scenes: int = 0, home: Path | None = None) -> Iterator[dict[str, str]]:
@@ -259,7 +269,8 @@ def judge(
 
     - none, where the rival as the source has it misses the printed number by more than the margin;
     - HOLDS, where the agent is better than the tuned rival, and than (c) where there is one;
-    - OPEN, where no rival was tuned, or the interval against the tuned one reaches beyond the margin;
+    - OPEN, where no rival was tuned, the interval against the tuned one reaches beyond the margin, or the agent was
+      trained for less than the source's;
     - ONLY_UNTUNED, where it is better than the untuned rival alone;
     - DOES_NOT_HOLD otherwise.
 
@@ -282,7 +293,7 @@ def judge(
     tuned = found.get(TUNED)
     if better(TUNED) and (ALSO not in found or better(ALSO)):
         verdict = HOLDS
-    elif tuned is None or not tuned.high <= margin:
+    elif tuned is None or not tuned.high <= margin or not claim.as_long:
         verdict = OPEN
     else:
         verdict = ONLY_UNTUNED if better(UNTUNED) else DOES_NOT_HOLD

@@ -96,8 +96,8 @@ def train(home: Path, seeds: Iterable[int], steps: int | None) -> None:
     from wayfield.benchmarks.papers import training
 
     paths = [each for name in FAMILIES for each in split("path_following", name, "train")]
-    lesson = {"env_id": "wayfield/DiffDrivePathFollowing-v0", "scenario": paths, "max_episode_steps": 1200}
-    training.train(home, [Pursuit(seed) for seed in seeds], lambda _: {**lesson, "worth": worth}, steps or STEPS)
+    where = {"env_id": "wayfield/DiffDrivePathFollowing-v0", "scenario": paths, "max_episode_steps": 1200}
+    training.train(home, [(Pursuit(seed), {**where, "worth": worth}) for seed in seeds], steps or STEPS)
 
 
 CLAIM = Claim(

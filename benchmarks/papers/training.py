@@ -105,21 +105,20 @@ def trained(env: LessonEnv, seed: int, steps: int, **how: Any) -> dict[str, NDAr
     model = PPO("MlpPolicy", env, seed=seed, policy_kwargs=network, device="cpu", **how)
     model.learn(steps)
     hidden: Any = model.policy.mlp_extractor.policy_net
-    arrays = {}
+    arrays: dict[str, NDArray[Any]] = {}
     for k, layer in enumerate((hidden[0], hidden[2], model.policy.action_net)):
         for name in ("weight", "bias"):
             arrays[f"{k}.{name}"] = getattr(layer, name).detach().numpy().round(DIGITS)
     return arrays
 
 
-def train(
-    home: Path, laws: Iterable[Networked], lesson: Callable[[Networked], Mapping[str, Any]], steps: int, **how: Any
-) -> None:
-    """Trains the networks of some policies, and writes their weights into a folder."""
-    arrays, weights = {}, ""
-    for law in laws:
-        env = LessonEnv(law, law.seed, **lesson(law))
-        arrays |= {f"{law.network}.{name}": each for name, each in trained(env, law.seed, steps, **how).items()}
+def train(home: Path, lessons: Iterable[tuple[Networked, Mapping[str, Any]]], steps: int, **how: Any) -> None:
+    """Trains the networks of policies, each where its LessonEnv says, and writes their weights into a folder."""
+    arrays: dict[str, NDArray[Any]] = {}
+    weights = ""
+    for law, where in lessons:
+        found = trained(LessonEnv(law, law.seed, **where), law.seed, steps, **how)
+        arrays |= {f"{law.network}.{name}": each for name, each in found.items()}
         weights = law.weights
     home.mkdir(parents=True, exist_ok=True)
     write_whole(home / weights, save(arrays))

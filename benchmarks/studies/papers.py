@@ -123,7 +123,9 @@ def read(root: Path = Path()) -> list[dict[str, str]]:
     return list(csv.DictReader(io.StringIO(file.read_text("utf-8")))) if file.exists() else []
 
 
-Judged = tuple[Claim, Finding, dict[str, Driven], int]
+Judged = tuple[
+    Claim, Finding, dict[str, Driven], int, str
+]  # with the number of scenes, and the verdict if it stood alone
 
 
 def judged(root: Path = Path()) -> list[Judged]:
@@ -138,6 +140,7 @@ def judged(root: Path = Path()) -> list[Judged]:
             judge(claim, sides, strata, {name: corrected[k, name] for name in sides if name != AGENT}),
             sides,
             len(strata),
+            first[k].verdict,
         )
         for k, (claim, sides, strata) in enumerate(found)
     ]
@@ -148,7 +151,7 @@ def counted(found: Sequence[Judged]) -> str:
     kinds = (HOLDS, ONLY_UNTUNED, DOES_NOT_HOLD, OPEN, NO_VERDICT)
     told = []
     for words, own in (("claims of papers", False), ("claims of our own front page", True)):
-        mine = [each.verdict for claim, each, _, _ in found if claim.source.startswith(OWN) == own]
+        mine = [each.verdict for claim, each, *_ in found if claim.source.startswith(OWN) == own]
         counts = ", ".join(f"{mine.count(kind)} {kind}" for kind in kinds[1:] if kind in mine)
         told.append(f"{mine.count(HOLDS)} of {len(mine)} {words} hold{f' ({counts})' if counts else ''}")
     return f"{'; '.join(told)}."
@@ -180,17 +183,19 @@ def page(root: Path = Path()) -> str:
         f"Margins: {margins}. A time is that of all scenes, a failure the whole clock; errors are compared where both "
         f"succeed. `{HOLDS}`: better than (b), and than (c) where there is "
         f"one. `{ONLY_UNTUNED}`: better than (a), and against (b) no more "
-        f"than the margin. `{OPEN}`: no (b) was searched, the interval against (b) reaches beyond the margin, or "
-        f"(c) is not beaten. `{NO_VERDICT}`: (a) misses the printed number by more than the margin.", "",
+        f"than the margin. `{OPEN}`: no (b) was searched, the interval against (b) reaches beyond the margin, "
+        f"(c) is not beaten, or an agent that does not win was trained for less than the source's. "
+        f"`{NO_VERDICT}`: (a) misses the printed number by more than the margin.", "",
         "| claim | what differs most | setting | claimed | (a) | (b) | against (a) | against (b) | n | verdict |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]  # fmt: skip
-    for claim, each, sides, scenes in found:
+    for claim, each, sides, scenes, alone in found:
         driven = [measured_words(claim, sides[name]) if name in sides else "" for name in (AGENT, "a", "b")]
         gains = [told(claim, each, name) for name in ("a", "b")]
-        cells = [claim.sentence, claim.differs[0], claim.setting, *driven, *gains, str(scenes), each.verdict]
+        cells = [claim.sentence, claim.differs[0], claim.setting, *driven, *gains, str(scenes)]
+        cells.append(each.verdict if alone == each.verdict else f"{each.verdict} (alone: {alone})")
         lines.append(f"| {' | '.join(cells)} |")
-    for claim, each, sides, scenes in found:
+    for claim, each, sides, scenes, alone in found:
         lines += ["", f"## {claim.name}", "", f"{claim.sentence} {claim.source}.", ""]
         lines += ["What differs from the source:", "", *(f"- {line}" for line in claim.differs), ""]
         lines += ["| printed | number | where |", "|---|---|---|"]
@@ -208,10 +213,16 @@ def page(root: Path = Path()) -> str:
         command = claim.published or f"wayfield evaluate --suite papers --claim {claim.name}"
         lines += [
             "",
-            f"n = {scenes} scenes. Gate: {gate_words(claim, each.measured)}. Verdict: **{each.verdict}**.",
+            f"n = {scenes} scenes. Gate: {gate_words(claim, each.measured)}. Verdict: **{each.verdict}**"
+            + (
+                f"; alone, without the correction for this page, it would be: {alone}."
+                if alone != each.verdict
+                else "."
+            ),
             "",
         ]
         lines += [f"What would change it: {claim.would_change}", "", f"Again: `{command}`."]
+        lines += ["", f"The authors answer: {claim.answer}"] if claim.answer else []
     return "\n".join([*lines, "", *AFTER, ""])
 
 
