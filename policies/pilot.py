@@ -177,7 +177,7 @@ class Pilot:
             observation = self._ahead.observed(observation)
         twists = self._decided(observation)
         if self._ahead is not None:
-            twists = self._ahead.asked(twists)
+            twists = self._ahead.requested(twists)
         if self.briefing.action_mode == "wheel_speeds":
             twists = self.briefing.robot.wheel_speeds_from_twist(twists)
         return twists.reshape(self._shape)

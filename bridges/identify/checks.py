@@ -14,7 +14,7 @@ LEAST_MOTION = 20.0  # s
 MOVING = 0.05  # share of the largest speed, from which on a base moves
 LONGEST_GAP = 0.5  # s, beyond which the response is cut
 REFUSED_GAP = 1.0  # s, beyond which a log is refused
-KEPT_GAP = 4.0  # s, that are left of a longer gap: what is cut out costs nothing
+CLOSED_GAP = 4.0  # s, that are left of a longer gap: what is cut out costs nothing
 ROUNDED = 0.2  # share of messages with the stamp of the one before, from which on stamps are rounded
 SCALES = ((1e3, "ms"), (1e6, "us"), (1e9, "ns"))  # a second in other units
 SLOWEST = 5.0  # Hz, of odometry
@@ -191,9 +191,9 @@ def _cut(
 
 
 def _closed(drive: Drive) -> Drive:
-    """Returns the drive with long gaps of odometry closed to KEPT_GAP; commands within come when the gap ends."""
-    long = np.flatnonzero(np.diff(drive.times) > KEPT_GAP)
-    begins, ends = drive.times[long] + 0.5 * KEPT_GAP, drive.times[long + 1] - 0.5 * KEPT_GAP
+    """Returns the drive with long gaps of odometry closed to CLOSED_GAP; commands within come when the gap ends."""
+    long = np.flatnonzero(np.diff(drive.times) > CLOSED_GAP)
+    begins, ends = drive.times[long] + 0.5 * CLOSED_GAP, drive.times[long + 1] - 0.5 * CLOSED_GAP
 
     def moved(times: Floats) -> Floats:
         found = times.copy()
@@ -257,17 +257,17 @@ def _agreement(drive: Drive, axis: int) -> tuple[float, float, float, float]:
     """
     step = 0.02
     grid = np.arange(drive.times[0], drive.times[-1], step)
-    asked = held(drive.command_times, drive.commands[:, axis], grid)
+    commanded = held(drive.command_times, drive.commands[:, axis], grid)
     measured = np.interp(grid, drive.times, drive.speeds[:, axis])
-    asked, measured = asked - asked.mean(), measured - measured.mean()
-    scale = np.sqrt((asked**2).sum() * (measured**2).sum())
+    commanded, measured = commanded - commanded.mean(), measured - measured.mean()
+    scale = np.sqrt((commanded**2).sum() * (measured**2).sum())
     if scale <= 0.0:  # what never changes agrees with anything
-        return 0.0, 0.0 if asked.any() else 1.0, 0.0, 1.0
+        return 0.0, 0.0 if commanded.any() else 1.0, 0.0, 1.0
     most = round(1.0 / step)
     shifts = range(-most, most + 1)
-    found = [
-        float((asked[max(-k, 0) : len(grid) - max(k, 0)] * measured[max(k, 0) : len(grid) + min(k, 0)]).sum())
+    sums = [
+        float((commanded[max(-k, 0) : len(grid) - max(k, 0)] * measured[max(k, 0) : len(grid) + min(k, 0)]).sum())
         for k in shifts
     ]
-    best = int(np.argmax(found))
-    return float(shifts[best]) * step, found[best] / scale, min(found) / scale, found[best] / float((asked**2).sum())
+    best = int(np.argmax(sums))
+    return float(shifts[best]) * step, sums[best] / scale, min(sums) / scale, sums[best] / float((commanded**2).sum())

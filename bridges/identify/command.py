@@ -73,30 +73,30 @@ def main(
     try:
         checked = check(recorded, cut)
         half_track = robot.wheels[-1].y if not robot.holonomic else 0.2
-        found = intervals(fit(checked.drive, half_track))
-        warnings = (*checked.warnings, *([THROTTLED] if found.throttled else []))
+        fitted = intervals(fit(checked.drive, half_track))
+        warnings = (*checked.warnings, *([THROTTLED] if fitted.throttled else []))
         for each in warnings:
             click.echo(f"identify: {each}", err=True)
         source = f"{recorded.name}, SHA-256 {recorded.digest}; {command_given('identify')}"
-        sheet, written, kept = identified(robot, found, _name(out, robot), source)
+        sheet, written, missing = identified(robot, fitted, _name(out, robot), source)
         content = (json.dumps(sheet.sheet, indent=2) + "\n").encode()
-        tested = predict(sheet, robot, written, settled(robot, found)[0], split)
+        tested = predict(sheet, robot, written, settled(robot, fitted)[0], split)
         if tested is not None:
             tested.check(checked.drive)
     except ValueError as error:
         raise click.UsageError(f"{recorded.name}: {error}") from None
     truthful = odometry_errors(recorded, half_track)
-    say(summary(recorded, checked, found, tested, split, robot.name))
+    say(summary(recorded, checked, fitted, tested, split, robot.name))
     for slip in truthful if topics["truth"] is not None else ():
         say(f"  {slip.name:<17} {slip}")
-    for line in kept:
+    for line in missing:
         say(f"unbounded {line}")
     if report is not None:
         from wayfield.bridges.identify.report import Findings, write_report
 
-        noise = measure(recorded, found)
+        noise = measure(recorded, fitted)
         findings = Findings(
-            recorded, found, truthful, noise, rates(recorded), warnings, kept, tested, split, robot.name,
+            recorded, fitted, truthful, noise, rates(recorded), warnings, missing, tested, split, robot.name,
             command_given("identify"),
         )  # fmt: skip
         for file in write_report(report, findings):
@@ -113,21 +113,21 @@ def _name(out: Path | None, base: Robot) -> str:
     return stem if good else f"{base.name[:29]}_identified"
 
 
-def summary(log: Log, checked: Checked, found: Fit, tested: Prediction | None, split: float, base: str) -> str:
+def summary(log: Log, checked: Checked, fitted: Fit, tested: Prediction | None, split: float, base: str) -> str:
     """Returns what was found, a line for each parameter."""
-    saturation = SATURATIONS[found.saturation]
+    saturation = SATURATIONS[fitted.saturation]
     lines = [f"{log.name}: {checked.moving:.0f} s of motion, times of {log.stamps}, saturation {saturation}"]
-    lines += [f"  {each.name:<17} {each}" for each in found.estimates]
-    lines.append(f"  residuals         {found.noise[0]:.3g} m/s and {found.noise[1]:.3g} rad/s")
-    wrong = found.drive.times[found.wrong]
+    lines += [f"  {each.name:<17} {each}" for each in fitted.estimates]
+    lines.append(f"  residuals         {fitted.noise[0]:.3g} m/s and {fitted.noise[1]:.3g} rad/s")
+    wrong = fitted.drive.times[fitted.wrong]
     if len(wrong):
         lines.append(
-            f"  wrong messages    {len(wrong)} of {len(found.wrong)} of odometry, the first at {wrong[0]:.2f} s"
+            f"  wrong messages    {len(wrong)} of {len(fitted.wrong)} of odometry, the first at {wrong[0]:.2f} s"
         )
     if tested is not None:
         lines.append(f"errors on {BLOCK * (1.0 - split):.2g} of each {BLOCK:g} s (held out: of a sheet of the rest)")
         lines += [f"  {what:<17} {v:.3g} m/s and {w:.3g} rad/s" for what, (v, w) in tested.rows(base).items()]
-    lines += [f"drive next for {each.name}: {each.missing}" for each in found.estimates if each.missing]
+    lines += [f"drive next for {each.name}: {each.missing}" for each in fitted.estimates if each.missing]
     return "\n".join(lines)
 
 

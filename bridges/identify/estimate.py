@@ -329,14 +329,14 @@ def fit_axis(drive: Drive, axis: int, delays: Floats = DELAYS) -> Floats:
         axis: 0, forward, or 1, yaw.
         delays: s, that are tried first.
     """
-    asked = float(np.abs(drive.commands[:, axis]).max())
-    problem = pair_problem(drive, AXES, np.full(2, ROUGH * asked), alone=axis)
+    largest = float(np.abs(drive.commands[:, axis]).max())
+    problem = pair_problem(drive, AXES, np.full(2, ROUGH * largest), alone=axis)
     fastest = float(np.quantile(np.abs(problem.measured), 0.98))
     starts = []
-    for limit in (1.02 * fastest, 2.0 * asked):
+    for limit in (1.02 * fastest, 2.0 * largest):
         for slew, lag in ((1.0, 0.2), (6.0, 0.05)):
             numbers = UNKNOWN.copy()
-            numbers[5 * axis : 5 * axis + 5] = delays[0], 1.0, slew * asked, slew * asked, lag
+            numbers[5 * axis : 5 * axis + 5] = delays[0], 1.0, slew * largest, slew * largest, lag
             numbers[10 + axis] = limit
             starts.append(problem.parameters(numbers))
     free = range(1, 5)
@@ -362,7 +362,7 @@ def pair_problem(
         alone: an axis, 0 or 1, that is fitted without the other, with its deceleration as its acceleration.
     """
     counted, fixed, axes = drive.counted, fixed or {}, (0, 1) if alone is None else (alone,)
-    asked = np.maximum(np.abs(drive.commands).max(axis=0), 1e-6)
+    largest = np.maximum(np.abs(drive.commands).max(axis=0), 1e-6)
 
     def respond(numbers: Floats) -> tuple[Floats, Floats]:
         v, slopes = pair_response(drive, saturation, numbers, axes)
@@ -370,13 +370,13 @@ def pair_problem(
 
     ranges: dict[int, tuple[float, float]] = {}
     for axis in commanded(drive) if alone is None else axes:
-        reach = 0.05 * asked[axis], 200.0 * asked[axis]
+        reach = 0.05 * largest[axis], 200.0 * largest[axis]
         ends = (1.0, math.exp(LONGEST_DELAY)), (0.2, 5.0), reach, reach, LAGS
         ranges |= {5 * axis + k: each for k, each in enumerate(ends)}
         if saturation == AXES:
-            ranges[10 + axis] = 0.02 * asked[axis], 4.0 * asked[axis]
+            ranges[10 + axis] = 0.02 * largest[axis], 4.0 * largest[axis]
     if saturation != AXES:
-        ranges |= {10: (0.02 * asked[0], 4.0 * asked[0] + 4.0 * asked[1]), 11: (0.02, 5.0)}
+        ranges |= {10: (0.02 * largest[0], 4.0 * largest[0] + 4.0 * largest[1]), 11: (0.02, 5.0)}
     free = sorted(ranges.keys() - fixed.keys() - (set() if alone is None else {3, 8}))
     low, high = np.log(np.array([ranges[k] for k in free])).T
     others = UNKNOWN.copy()
@@ -476,58 +476,58 @@ def fit(drive: Drive, half_track: float = 0.2, delays: Floats = DELAYS) -> Fit:
         saturation, start, held_out = choose_saturation(drive, axes, half_track)
     else:
         saturation, start, held_out = AXES, axes, (1.0, 1.0, 1.0)
-    found = _again(Fit(saturation, start, drive, np.ones(2), held_out), drive)
-    found = _again(found, drive.only(~found.wrong))
-    other = _again(dataclasses.replace(found, throttled=True), earlier(found.drive, 0.5, lateness(drive)))
-    return other if _loss(other, found.noise) < _loss(found, found.noise) - TELLING else found
+    fitted = _again(Fit(saturation, start, drive, np.ones(2), held_out), drive)
+    fitted = _again(fitted, drive.only(~fitted.wrong))
+    other = _again(dataclasses.replace(fitted, throttled=True), earlier(fitted.drive, 0.5, lateness(drive)))
+    return other if _loss(other, fitted.noise) < _loss(fitted, fitted.noise) - TELLING else fitted
 
 
-def _again(found: Fit, drive: Drive) -> Fit:
+def _again(fitted: Fit, drive: Drive) -> Fit:
     """Returns a fit that starts from another, of the same saturation, to the same drive with changes."""
-    noise = noise_of(drive, pair_response(drive, found.saturation, found.numbers)[0])
-    problem = pair_problem(drive, found.saturation, noise)
-    numbers = problem.numbers(problem.best([problem.parameters(found.numbers)])[0])
-    noise = noise_of(drive, pair_response(drive, found.saturation, numbers)[0])
-    return dataclasses.replace(found, numbers=numbers, drive=drive, noise=noise)
+    noise = noise_of(drive, pair_response(drive, fitted.saturation, fitted.numbers)[0])
+    problem = pair_problem(drive, fitted.saturation, noise)
+    numbers = problem.numbers(problem.best([problem.parameters(fitted.numbers)])[0])
+    noise = noise_of(drive, pair_response(drive, fitted.saturation, numbers)[0])
+    return dataclasses.replace(fitted, numbers=numbers, drive=drive, noise=noise)
 
 
-def _loss(found: Fit, noise: Floats) -> float:
+def _loss(fitted: Fit, noise: Floats) -> float:
     """Returns the loss of a fit, of residuals over a noise."""
-    problem = pair_problem(found.drive, found.saturation, noise)
-    return float((problem.at(problem.parameters(found.numbers))[0] ** 2).sum())
+    problem = pair_problem(fitted.drive, fitted.saturation, noise)
+    return float((problem.at(problem.parameters(fitted.numbers))[0] ** 2).sum())
 
 
-def refitted(found: Fit, drive: Drive, fixed: Mapping[int, float]) -> Floats:
+def refitted(fitted: Fit, drive: Drive, fixed: Mapping[int, float]) -> Floats:
     """Returns the numbers of a fit to another part of its drive, of which some stay as they are."""
-    numbers = found.numbers.copy()
+    numbers = fitted.numbers.copy()
     numbers[list(fixed)] = list(fixed.values())
-    problem = pair_problem(drive, found.saturation, found.noise, fixed)
+    problem = pair_problem(drive, fitted.saturation, fitted.noise, fixed)
     return problem.numbers(problem.best([problem.parameters(numbers)])[0])
 
 
-def intervals(found: Fit) -> Fit:
+def intervals(fitted: Fit) -> Fit:
     """Returns the fit with an estimate of every parameter, and of delay and lag together, which trade."""
-    drive = found.drive
-    problem = pair_problem(drive, found.saturation, found.noise)
-    x, cost = problem.best([problem.parameters(found.numbers)])
+    drive = fitted.drive
+    problem = pair_problem(drive, fitted.saturation, fitted.noise)
+    x, cost = problem.best([problem.parameters(fitted.numbers)])
     numbers = problem.numbers(x)
     count = max(cost, float(drive.counted.sum() * len(commanded(drive))))
     blocks = (drive.times[drive.counted] // PIECE).astype(np.int64)
     pieces = Pieces.of(problem, x, np.concatenate([blocks, blocks]))
     late = lateness(drive)
-    coarse = rounded(drive, found.response.T, found.noise)
+    coarse = rounded(drive, fitted.response.T, fitted.noise)
     changed = [coarse] if coarse else []
     if late > 0.0:
         v, slopes = problem.respond(numbers)
         left = (problem.weights * (v - problem.measured)).reshape(2, -1)  # both axes, one after the other
         slopes = (problem.weights * slopes[:, [0, 5]].sum(axis=1)).reshape(2, -1)
-        span = 2.0 * late if found.throttled else traced(late, left, slopes, blocks)
+        span = 2.0 * late if fitted.throttled else traced(late, left, slopes, blocks)
         changed.append(throttled(drive, span))
-    again = [[pair_problem(one, found.saturation, found.noise) for one in each] for each in changed]
+    again = [[pair_problem(one, fitted.saturation, fitted.noise) for one in each] for each in changed]
     shifts = [np.stack([one.solve(x, range(len(x)), 1e-4, 20)[0] for one in each]) - x for each in again]
     places = [group[0] for group in problem.groups]
     estimates = []
-    for place, (name, unit) in enumerate(_labels(found.saturation)):
+    for place, (name, unit) in enumerate(_labels(fitted.saturation)):
         if place not in places:
             what = ("forward", "turning")[place - 10 if place > 9 else place // 5]
             advice = f"commands of the axis {what}: there were none"
@@ -535,7 +535,7 @@ def intervals(found: Fit) -> Fit:
             continue
         factor = 2.0 if name == "track" else 1.0
         index = places.index(place)
-        far = _unlimited(problem, x, place, found) if name.startswith(("speed", "wheel")) else None
+        far = _unlimited(problem, x, place, fitted) if name.startswith(("speed", "wheel")) else None
         unsure = _size([each[:, index] for each in shifts])
         low, high = (factor * end for end in problem.interval(x, cost, index, count, pieces, unsure, far))
         if place % 5 in (0, 4) and place < 10:
@@ -552,17 +552,17 @@ def intervals(found: Fit) -> Fit:
             total = float(numbers[place - 4] + numbers[place])
             label = f"delay_{name[-1]} + lag_{name[-1]}"
             estimates.append(Estimate(label, "s", total, max(total - half, 0.0), total + half + late))
-    return dataclasses.replace(found, numbers=numbers, estimates=tuple(estimates))
+    return dataclasses.replace(fitted, numbers=numbers, estimates=tuple(estimates))
 
 
-def _unlimited(problem: Problem, x: Floats, place: int, found: Fit) -> Floats:
+def _unlimited(problem: Problem, x: Floats, place: int, fitted: Fit) -> Floats:
     """Returns parameters without a limit, whose gains are so much less that commands just reach it instead."""
     numbers, places = problem.numbers(x), [group[0] for group in problem.groups]
-    v, w = np.abs(found.drive.commands * numbers[[1, 6]]).T
-    demand = (v, w)[place - 10] if found.saturation == AXES else v + numbers[11] * w
+    v, w = np.abs(fitted.drive.commands * numbers[[1, 6]]).T
+    demand = (v, w)[place - 10] if fitted.saturation == AXES else v + numbers[11] * w
     far = x.copy()
     far[places.index(place)] = problem.high[places.index(place)]
-    for gain in (5 * (place - 10) + 1,) if found.saturation == AXES else (1, 6):
+    for gain in (5 * (place - 10) + 1,) if fitted.saturation == AXES else (1, 6):
         far[places.index(gain)] += min(math.log(numbers[place] / demand.max()), 0.0)
     return np.clip(far, problem.low, problem.high)
 

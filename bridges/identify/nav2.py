@@ -146,17 +146,17 @@ class _Gains:
 def limits(robot: Robot) -> dict[str, float]:
     """Returns what a base can: speeds (m/s, rad/s), slews both ways, delay and lag (s) and gain of both axes."""
     actuators = robot.actuators("lagged")
-    found = actuators.response
-    delays = (found.delays[0], found.delays[2]) if found is not None else (0.0, 0.0)
-    lags = (found.lags[0], found.lags[2]) if found is not None else (actuators.lag, actuators.lag)
+    numbers = actuators.response
+    delays = (numbers.delays[0], numbers.delays[2]) if numbers is not None else (0.0, 0.0)
+    lags = (numbers.lags[0], numbers.lags[2]) if numbers is not None else (actuators.lag, actuators.lag)
     return {
         "v": float(robot.max_twist[0]),
         "sideways": float(robot.max_twist[1]) if robot.holonomic else 0.0,
         "w": float(robot.max_twist[-1]),
         "acceleration": actuators.acceleration,
         "yaw_acceleration": actuators.yaw_acceleration,
-        "deceleration": found.deceleration if found is not None else actuators.acceleration,
-        "yaw_deceleration": found.yaw_deceleration if found is not None else actuators.yaw_acceleration,
+        "deceleration": numbers.deceleration if numbers is not None else actuators.acceleration,
+        "yaw_deceleration": numbers.yaw_deceleration if numbers is not None else actuators.yaw_acceleration,
         "delay_v": delays[0],
         "delay_w": delays[1],
         "lag_v": lags[0],
@@ -351,13 +351,13 @@ def _costmap_apart(g: _Gains) -> list[str]:
 def _response(can: Mapping[str, float], with_delay: bool = True) -> list[str]:
     """Returns what Nav2 cannot be given of how the base answers, as comments."""
     lag = f"lag {can['lag_v']:.3g} s and {can['lag_w']:.3g} s"
-    found = [f"{lag}: Nav2 has no model of it; velocity_smoother's limits and a shorter reach help"]
+    lines = [f"{lag}: Nav2 has no model of it; velocity_smoother's limits and a shorter reach help"]
     if max(abs(can["gain_v"] - 1.0), abs(can["gain_w"] - 1.0)) > 0.01:
         gain = f"gain {can['gain_v']:.3g} and {can['gain_w']:.3g}"
-        found.append(f"{gain}: Nav2 takes what it asks for as reached; correct it in the driver of the base")
+        lines.append(f"{gain}: Nav2 takes what it asks for as reached; correct it in the driver of the base")
     if with_delay and max(can["delay_v"], can["delay_w"]) > 0.0:
-        found.append(f"delay {can['delay_v']:.3g} s and {can['delay_w']:.3g} s: this controller has no model of it")
-    return found
+        lines.append(f"delay {can['delay_v']:.3g} s and {can['delay_w']:.3g} s: this controller has no model of it")
+    return lines
 
 
 def _with_comments(block: Block, comments: Sequence[str]) -> Block:
@@ -397,7 +397,7 @@ def parameters(sources: Sequence[Tuned], robot: Robot, distro: str, tolerances: 
         smoother["# saturation"] = (
             "each wheel saturates by itself: Nav2's limits are of each speed alone, and do not know it"
         )
-    found: Block = {
+    block: Block = {
         "controller_server": {"ros__parameters": controllers},
         "velocity_smoother": {"ros__parameters": smoother},
     }
@@ -410,8 +410,8 @@ def parameters(sources: Sequence[Tuned], robot: Robot, distro: str, tolerances: 
                 "inflation_radius": g.entry("inflation_radius"),
                 "cost_scaling_factor": g.entry("cost_scaling"),
             }
-        found[name] = {name: {"ros__parameters": costmap}}
-    return found
+        block[name] = {name: {"ros__parameters": costmap}}
+    return block
 
 
 def _each(robot: Robot, can: Mapping[str, float], kind: str) -> list[float]:
@@ -434,16 +434,16 @@ def yaml_text(block: Block, header: Sequence[str]) -> str:
 
 
 def _lines(block: Block, indent: str) -> list[str]:
-    found = []
+    lines = []
     for name, content in block.items():
         if isinstance(content, str):
-            found.append(f"{indent}# {printable(content)}")
+            lines.append(f"{indent}# {printable(content)}")
         elif isinstance(content, Entry):
             comment = f"  # {printable(content.origin)}" if content.origin else ""
-            found.append(f"{indent}{name}: {_value(content.value)}{comment}")
+            lines.append(f"{indent}{name}: {_value(content.value)}{comment}")
         else:
-            found += [f"{indent}{name}:", *_lines(content, f"{indent}  ")]
-    return found
+            lines += [f"{indent}{name}:", *_lines(content, f"{indent}  ")]
+    return lines
 
 
 def _value(value: Any) -> str:

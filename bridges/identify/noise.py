@@ -61,8 +61,8 @@ def measure(log: Log, fit: Fit) -> Noise:
 
 def resting(drive: Drive, times: Floats) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
     """Returns at which times (n,) the command has been zero for REST."""
-    asked = np.any(drive.commands != 0.0, axis=1)
-    last = np.maximum.accumulate(np.where(asked, np.append(drive.command_times[1:], np.inf), -np.inf))
+    commanded = np.any(drive.commands != 0.0, axis=1)
+    last = np.maximum.accumulate(np.where(commanded, np.append(drive.command_times[1:], np.inf), -np.inf))
     found: np.ndarray[tuple[int], np.dtype[np.bool_]] = (times >= drive.command_times[0]) & (
         times - held(drive.command_times, last, times) > REST
     )

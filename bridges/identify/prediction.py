@@ -59,6 +59,6 @@ def predict(robot: Robot, base: Robot, written: Fit, fixed: Mapping[int, float],
     if min((drive.counted & seen).sum(), late.sum()) < LEAST:
         return None
     unseen = sheet_of(base, written, refitted(written, drive.only(seen), fixed))
-    asked = np.stack([held(drive.command_times, drive.commands[:, axis], drive.times) for axis in range(2)])
-    responses = *(predicted(each, drive) for each in (robot, unseen, base)), asked
+    commanded = np.stack([held(drive.command_times, drive.commands[:, axis], drive.times) for axis in range(2)])
+    responses = *(predicted(each, drive) for each in (robot, unseen, base)), commanded
     return Prediction(*(np.sqrt(((drive.speeds.T - each)[:, late] ** 2).mean(axis=1)) for each in responses))

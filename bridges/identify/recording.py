@@ -209,11 +209,11 @@ def read_bag(file: Path, topics: Topics, stamps: str = "auto") -> Log:
             _check_topic(file, topic, kinds, source.connections)
         if topics.scan is not None and there.get(topics.scan) in SCANS:
             wanted[topics.scan] = SCANS
-        found = _messages(file, source, deserialize, wanted, stamps)
-    commands, odometry = found[topics.cmd], found[topics.odom]
+        messages = _messages(file, source, deserialize, wanted, stamps)
+    commands, odometry = messages[topics.cmd], messages[topics.odom]
     start = min(commands[0][0, 0], odometry[0][0, 0])
-    truth = found.get(topics.truth or "", (np.empty((0, 4)), ""))[0]
-    scans = found.get(topics.scan or "", (np.empty((0, 1)), ""))[0]
+    truth = messages.get(topics.truth or "", (np.empty((0, 4)), ""))[0]
+    scans = messages.get(topics.scan or "", (np.empty((0, 1)), ""))[0]
     return Log(
         file.name, _digest(file), commands[1], commands[0][:, 0] - start, np.ascontiguousarray(commands[0][:, 1:]),
         odometry[0][:, 0] - start, np.ascontiguousarray(odometry[0][:, 1:3]), odometry[0][:, 3:],
@@ -293,10 +293,10 @@ def _messages(
     by_header = stamped if stamps == "auto" else stamps == "header"
     rows: dict[str, list[NDArray[Any]]] = {topic: [] for topic in wanted}
     for connection, arrival, raw in source.messages(connections=connections):
-        found = rows[connection.topic]
-        if wanted[connection.topic] is SCANS and len(found) >= MOST_SCANS:
+        rows_of = rows[connection.topic]
+        if wanted[connection.topic] is SCANS and len(rows_of) >= MOST_SCANS:
             continue
-        if len(found) >= MOST_MESSAGES:
+        if len(rows_of) >= MOST_MESSAGES:
             raise _Refused(f"{file}: topic {connection.topic} has more than {MOST_MESSAGES} messages")
         if wanted[connection.topic] is SCANS and len(raw) > 8 * MOST_BEAMS + 1000:  # ranges and intensities
             raise _Refused(
@@ -306,15 +306,15 @@ def _messages(
         message = deserialize(raw, connection.msgtype)
         stamp = message.header.stamp if by_header else None
         nanoseconds = arrival if stamp is None else stamp.sec * 10**9 + stamp.nanosec
-        found.append(np.array([1e-9 * nanoseconds, *_values(message, connection.msgtype)]))
+        rows_of.append(np.array([1e-9 * nanoseconds, *_values(message, connection.msgtype)]))
     results = {}
-    for topic, found in rows.items():
-        if not found and topic in wanted and wanted[topic] is not SCANS:
+    for topic, rows_of in rows.items():
+        if not rows_of and topic in wanted and wanted[topic] is not SCANS:
             raise _Refused(f"{file}: topic {topic} has no messages")
-        widths = {len(each) for each in found}
+        widths = {len(each) for each in rows_of}
         if len(widths) > 1:  # scans of several sizes
-            found = [each for each in found if len(each) == max(widths)]
-        table = np.array(found) if found else np.empty((0, 1))
+            rows_of = [each for each in rows_of if len(each) == max(widths)]
+        table = np.array(rows_of) if rows_of else np.empty((0, 1))
         if wanted[topic] is not SCANS and not np.isfinite(table).all():
             at = int(np.flatnonzero(~np.isfinite(table).all(axis=1))[0])
             raise _Refused(

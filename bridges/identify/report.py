@@ -40,7 +40,7 @@ class Findings:
     noise: Noise
     rates: list[Rate]
     warnings: tuple[str, ...]
-    kept: list[str]  # what the log did not say
+    unbounded: list[str]  # what the log did not say
     tested: Prediction | None
     split: float
     base: str
@@ -179,10 +179,9 @@ def _page(found: Findings, plots: dict[str, bytes]) -> str:
         parts.append(
             "<h2>What to drive next</h2><ul>" + "".join(f"<li>{e(each)}</li>" for each in found.next_drives) + "</ul>"
         )
-    if found.kept:
-        parts.append(
-            "<h2>What the log does not bound</h2><ul>" + "".join(f"<li>{e(each)}</li>" for each in found.kept) + "</ul>"
-        )
+    if found.unbounded:
+        lines = "".join(f"<li>{e(each)}</li>" for each in found.unbounded)
+        parts.append(f"<h2>What the log does not bound</h2><ul>{lines}</ul>")
     parts.append("<h2>Odometry against ground truth</h2>" + _table(
         ("error", "value (95 % interval)"), [(each.name, e(str(each))) for each in found.odometry]))  # fmt: skip
     parts.append("<h2>Noise and rates</h2>" + _noises(found.noise) + _table(
@@ -222,14 +221,14 @@ def _prediction(found: Findings) -> str:
 
 
 def _noises(noise: Noise) -> str:
-    def told(value: float, unit: str) -> str:
+    def text(value: float, unit: str) -> str:
         return f"{value:.3g} {unit}" if math.isfinite(value) else "not known"
 
     rows = [
-        (f"odometry, {name}", told(noise.resting[k], unit), told(noise.moving[k], unit), f"{noise.correlation[k]:.2f}")
+        (f"odometry, {name}", text(noise.resting[k], unit), text(noise.moving[k], unit), f"{noise.correlation[k]:.2f}")
         for k, (_, name, unit) in enumerate(AXES_NAMES)
     ]
-    rows.append(("a beam of the scan", told(noise.scan, "m"), f"{100 * noise.dropouts:.1f} % without a return"
+    rows.append(("a beam of the scan", text(noise.scan, "m"), f"{100 * noise.dropouts:.1f} % without a return"
                  if math.isfinite(noise.dropouts) else "no scans", ""))  # fmt: skip
     return _table(("", "at rest", "moving", "correlation"), rows)
 

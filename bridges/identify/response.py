@@ -248,16 +248,16 @@ def pair_response(
     cut_slopes, target_slopes = np.empty((2 * m, 6)), np.empty((2, 2 * m, 6))
     merge(drive.command_times, drive.commands, numbers, saturation, cuts, targets, cut_slopes, target_slopes)
     v, slopes = np.empty((len(axes), n)), np.zeros((len(axes), n, len(PAIR)))
-    found = np.empty((n, 9))
+    result = np.empty((n, 9))
     for row, axis in enumerate(axes):
         measured = np.ascontiguousarray(drive.speeds[:, axis])
         rise, fall, lag = numbers[5 * axis + 2 : 5 * axis + 5].tolist()
         respond(
             drive.times, drive.starts, measured, cuts, targets[axis], cut_slopes, target_slopes[axis],
-            rise, fall, lag, np.empty(18), v[row], found,
+            rise, fall, lag, np.empty(18), v[row], result,
         )  # fmt: skip
-        slopes[row][:, [0, 1, 5, 6, 10, 11]] = found[:, :6]
-        slopes[row][:, 5 * axis + 2 : 5 * axis + 5] = found[:, 6:]
+        slopes[row][:, [0, 1, 5, 6, 10, 11]] = result[:, :6]
+        slopes[row][:, 5 * axis + 2 : 5 * axis + 5] = result[:, 6:]
     return v, slopes
 
 

@@ -50,8 +50,8 @@ def settled(base: Robot, found: Fit) -> tuple[dict[int, float], list[str]]:
     the fit is, and a limit is the bound, which has been driven.
     """
     own, values, lines = numbers_of(base, found.saturation), {}, []
-    kept = [each for each in found.estimates if "+" not in each.name]
-    for place, each in enumerate(kept):
+    estimates = [each for each in found.estimates if "+" not in each.name]
+    for place, each in enumerate(estimates):
         if each.bounded:
             continue
         unit = f" {each.unit}" if each.unit else ""
@@ -69,7 +69,7 @@ def settled(base: Robot, found: Fit) -> tuple[dict[int, float], list[str]]:
     return values, lines
 
 
-def identified(base: Robot, found: Fit, name: str, source: str) -> tuple[Robot, Fit, list[str]]:
+def identified(base: Robot, fitted: Fit, name: str, source: str) -> tuple[Robot, Fit, list[str]]:
     """Returns a base as it was identified, the fit that it holds, and what of it the log did not say.
 
     Args:
@@ -83,9 +83,9 @@ def identified(base: Robot, found: Fit, name: str, source: str) -> tuple[Robot, 
     """
     if base.holonomic:
         raise ValueError(f"robot {base.name!r} has the drive {base.drive}; identification is for differential drives")
-    values, lines = settled(base, found)
-    written = dataclasses.replace(found, numbers=refitted(found, found.drive, values)) if values else found
-    robot = sheet_of(base, found, written.numbers)
+    values, lines = settled(base, fitted)
+    written = dataclasses.replace(fitted, numbers=refitted(fitted, fitted.drive, values)) if values else fitted
+    robot = sheet_of(base, fitted, written.numbers)
     sources: dict[str, Any] = {field: each for field, each in base.sources.items() if not isinstance(each, Interval)}
     radius = robot.wheels[1].radius
     for field, names, scale in (
@@ -95,15 +95,15 @@ def identified(base: Robot, found: Fit, name: str, source: str) -> tuple[Robot, 
         ("decelerations", ("deceleration_v", "deceleration_w"), 1.0),
         *(
             (("rated_wheel_speed", ("speed_v",), radius), ("turn_speed", ("speed_w",), 1.0))
-            if found.saturation == AXES
+            if fitted.saturation == AXES
             else (("rated_wheel_speed", ("wheel_speed",), radius), ("wheels.effective_track", ("track",), 1.0))
         ),
     ):
-        told = [found[each] for each in names]
-        if all(math.isnan(each.value) for each in told):
+        estimates = [fitted[each] for each in names]
+        if all(math.isnan(each.value) for each in estimates):
             continue
         own = 2.0 * robot.wheels[1].y if field == "wheels.effective_track" else getattr(robot, field)
-        ends = [_ends(each, value, scale) for each, value in zip(told, np.atleast_1d(own).tolist(), strict=True)]
+        ends = [_ends(each, value, scale) for each, value in zip(estimates, np.atleast_1d(own).tolist(), strict=True)]
         low, high = zip(*ends, strict=True)
         alone = not isinstance(own, tuple)
         sources[field] = Interval(
@@ -118,26 +118,26 @@ def _ends(each: Any, value: float, scale: float) -> tuple[float | None, float | 
     return low, max(each.high / scale, value) if math.isfinite(each.high) else None
 
 
-def sheet_of(base: Robot, found: Fit, numbers: Floats) -> Robot:
+def sheet_of(base: Robot, fitted: Fit, numbers: Floats) -> Robot:
     """Returns a base with the response that numbers of PAIR say; an axis without commands stays as it is."""
-    own = numbers_of(base, found.saturation)
-    for axis in commanded(found.drive):
+    own = numbers_of(base, fitted.saturation)
+    for axis in commanded(fitted.drive):
         own[5 * axis : 5 * axis + 5] = numbers[5 * axis : 5 * axis + 5]
-        if found.saturation == AXES:
+        if fitted.saturation == AXES:
             own[10 + axis] = numbers[10 + axis]
     changes: dict[str, Any] = {"response": "continuous", "acceleration": own[2], "yaw_acceleration": own[7]}
     for field, place in (("delay", 0), ("gain", 1), ("decelerations", 3), ("lag", 4)):
         changes[field] = float(own[place]), float(own[place + 5])
     half = base.wheels[1].y
-    if found.saturation == AXES:
-        least = _apart(found.drive, own)
+    if fitted.saturation == AXES:
+        least = _apart(fitted.drive, own)
         if least < half:  # its wheels would not do what the log shows where the sheet has them
             half, changes["saturation"] = max(least, 1e-3), "twist"
         changes["turn_speed"] = float(own[11])
     else:
         own[10:] = numbers[10:]
         half = float(own[11])
-        changes |= {"saturation": SATURATIONS[found.saturation], "turn_speed": math.inf}
+        changes |= {"saturation": SATURATIONS[fitted.saturation], "turn_speed": math.inf}
     rated = float(own[10]) / base.wheels[1].radius
     changes |= {"rated_wheel_speed": rated, "peak_wheel_speed": max(base.peak_wheel_speed, rated)}
     if half != base.wheels[1].y:

@@ -94,7 +94,7 @@ class _Driver:
         if self._ahead is not None:
             observations = self._ahead.observed(observations)
         requested = self._policy.act(self._briefing.layout.unpack(observations), self._briefing, self._memory)
-        return _twist(self._briefing.robot, requested if self._ahead is None else self._ahead.asked(requested))
+        return _twist(self._briefing.robot, requested if self._ahead is None else self._ahead.requested(requested))
 
     def sent(self, twist: Twist) -> None:
         """Takes note of what the base is sent."""

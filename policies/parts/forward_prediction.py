@@ -170,7 +170,7 @@ class ForwardPrediction:
             rescan(beams, float(angles[0]), step, closed, most, self._joined, steps, scan, fields.ranges)
         return moved
 
-    def asked(self, twists: Array) -> Array:
+    def requested(self, twists: Array) -> Array:
         """Returns what to send (b, t) so that bases set twists (b, t): cut to what wheels can turn, free of gains.
 
         Laws predict with the accelerations that a base has both ways. One that brakes worse than it speeds up is not
