@@ -354,6 +354,8 @@ def run_scenarios(options: Options) -> None:
     """Runs a contest on the scenario files of a folder."""
     assert options.scenarios is not None
     with _one_line("--scenarios", options.scenarios):
+        if os.path.isfile(options.scenarios):
+            raise ValueError(f"{options.scenarios!r} is a file, not a folder; for one scenario use --path")
         contest, courses = own_courses(options.scenarios, options.scale, options.robot or "p3dx")
     _run_contests(options, contest.name, (contest.name,), courses)
 

