@@ -45,7 +45,7 @@ from wayfield.system.storage import write_whole
 
 KEPT = Path(sections.KEPT)
 TABLE, PAGE = KEPT / "papers.csv", KEPT / "papers.md"
-PACKED = {"own_paths": "path-following-claims", "own_goals": "goal-obstacles-claims"}  # claims, and the rows of their pages
+PACKED = {"own_paths": "path-following-claims", "own_goals": "goal-obstacles-claims"}  # rows of pages
 TUNED = " tuned"
 OWN = "wayfield,"  # what the sources of our own claims begin with
 
