@@ -97,7 +97,7 @@ _TASKS: tuple[tuple[str, str, str, str, str, str, Mapping[str, str]], ...] = (
 CROWDS = {  # of the parts those of equal inputs, and in the crowds of others, as README calls them
     "in the open, lidar only": "for teams in the open",
     "at doors and in rooms, lidar only": "for teams at doors and in rooms",
-    "on CrowdNav's test cases": "among five pedestrians of CrowdNav",
+    "on CrowdNav's test cases": "among CrowdNav's five pedestrians",
     "in AttnGraph's crowd": "in AttnGraph's crowd of 20",
 }
 TASKS = len(_TASKS) + 1
@@ -360,8 +360,8 @@ def _draw(axes: Any, panel: Panel) -> None:
 
 def _wrapped(match: Match) -> str:
     words = match.where.removeprefix("for ").split()
-    half = (len(words) + 1) // 2
-    return "\n".join((" ".join(words[:half]), " ".join(words[half:]), f"n = {match.scenes:,}"))
+    halves = [(" ".join(words[:k]), " ".join(words[k:])) for k in range(1, len(words))]
+    return "\n".join((*min(halves, key=lambda lines: max(map(len, lines))), f"n = {match.scenes:,}"))
 
 
 def film(store: Store) -> bytes:
