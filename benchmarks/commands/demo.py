@@ -43,7 +43,10 @@ OPENING = {
     **{"v": 1, "robot": "omni3", **_CALM, "policy": _SIDES[0], "place": {"family": "people: lanes_24", "seed": 0}},
     **{"runs": [{"policy": each} for each in _SIDES], "step": 0, "beside": _SIDES[1]},
 }
-SENTENCE = "One robot among 24 people. A trained network (above) gets to the star; the controller below it does not."
+SENTENCE = (
+    "One robot among 24 people. A trained network (above) gets to the star; a controller with standard settings "
+    "(below) crashes."
+)
 # races by hand, the same for everybody: what each is called, its scene and its robot
 CHALLENGES = [
     {"name": name, "family": family, "seed": seed, "robot": robot}

@@ -59,7 +59,7 @@ class Draws {
       drive.clear();
       drive.editor.take(null);
     }
-    this.replay.show(world, robot, [], `No network was trained in this scene.${world.walks ? ` ${ABOUT_BODIES[world.kind]}` : ""}`);
+    this.replay.show(world, robot, [], `None of the networks has practised in this scene.${world.walks ? ` ${ABOUT_BODIES[world.kind]}` : ""}`);
     if (!drive || this.silent) return;
     if (drive.who.value === KEYBOARD) drive.who.value = drive.usual(drive.able()) || KEYBOARD;
     drive.go(false);

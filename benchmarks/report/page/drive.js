@@ -64,6 +64,7 @@ class Drive {
     this.editor = new Editor(this);
     this.gains = new Gains(this);
     this.looks = new Looks(this);
+    if (free) for (const label of [...replay.told.demo.opening.runs.map(({ policy }) => policy), KEYBOARD, GHOST, "ppo (trained)", ...RIVALS]) rank(label); // each has its colour
     this.sheets = {}; // data sheets of robots of one's own, by name
     this.scenes = 0; // changes of the scene so far
     this.share = new Share(this);
@@ -71,7 +72,7 @@ class Drive {
     this.aboutPart = el("details", { class: "drive" }, el("summary", {}, "Keys, files, and what is absent"),
       el("p", { class: "note" }, "Arrows drive and turn; an omni base also moves sideways with A and D and turns with Q and E. Space plays and pauses, F follows the robot, I and O zoom. ",
         "A scenario file can be dropped on the picture, an image of a map (dark is what stands there), or the data sheet of a differential drive. ",
-        "Without disturbance, runs are those of Python to the last bit; disturbed runs draw the page's own noise."), this.cannot);
+        "Those that are shown together do not see or hit each other. Without disturbance, runs are those of Python to the last bit; disturbed runs draw the page's own noise."), this.cannot);
     replay.side.append(this.share.part, this.editor.part, this.conditionsPart, this.gains.part, this.aboutPart);
     for (const part of replay.side.querySelectorAll("details")) part.addEventListener("toggle", () => { if (part.open && part.matches(":focus-within")) part.scrollIntoView({ block: "nearest" }); });
     replay.listeners.push(() => this.offer());
@@ -186,6 +187,7 @@ class Drive {
     const step = from ? Math.min(replay.step, from.x.length - 1) : 0;
     const label = this.who.value;
     this.result.textContent = "";
+    if (this.replay.blank) this.editor.take(null);
     if (label === KEYBOARD) this.takeOver(from, step);
     else this.add({ label, from, step });
     replay.seek(step);
@@ -195,6 +197,7 @@ class Drive {
   }
 
   all() {
+    if (this.replay.blank) this.editor.take(null);
     this.result.textContent = "";
     for (const label of this.able()) if (!this.runs.some((run) => run.asked.label === label && !run.asked.from)) this.add({ label }, false);
     this.replay.split(null);
@@ -272,7 +275,7 @@ class Drive {
 
   layPad() {
     const omni = this.hand.simulator.body.axes.length > 2;
-    const keys = omni ? [["turn left", "q"], ["ahead", "ArrowUp"], ["turn right", "e"], ["left", "a"], ["back", "ArrowDown"], ["right", "d"]]
+    const keys = omni ? [["turn left", "q"], ["ahead", "ArrowUp"], ["turn right", "e"], ["go left", "a"], ["back", "ArrowDown"], ["go right", "d"]]
       : [["left", "ArrowLeft"], ["ahead", "ArrowUp"], ["right", "ArrowRight"], null, ["back", "ArrowDown"], null];
     this.pad.replaceChildren(...keys.map((each) => (each === null ? el("span") : el("button", { type: "button", on: {
       pointerdown: (event) => { event.preventDefault(); this.press(each[1], true); }, pointerup: () => this.press(each[1], false),
@@ -314,10 +317,12 @@ class Drive {
     this.replay.pace(PLAYBACK);
     if (this.hand.simulator) this.hand.simulator.free();
     if (!this.hand.actor.outcome) this.hand.actor.note = "stopped";
+    const { actor, tape } = this.hand;
     this.hand.simulator = null;
     this.hand = null;
     this.rest();
     this.held.clear();
+    if (!tape.length) this.replay.takeOut(actor);
   }
 
   forget(run, listed = false) {
@@ -330,6 +335,7 @@ class Drive {
   }
 
   clear() {
+    this.share.told.textContent = "";
     this.abort();
     this.endHand();
     for (const run of this.runs) this.replay.actors = this.replay.actors.filter((actor) => actor !== run.actor);

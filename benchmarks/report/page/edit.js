@@ -112,9 +112,15 @@ class Editor {
 
   // What the tool does, or nothing.
   tell(text) {
-    const { hint } = this.replay;
+    const { hint, world: { own } } = this.replay;
     hint.hidden = this.tool === null;
-    hint.replaceChildren(...(this.tool === null ? [] : [text + (this.keys ? BY_KEYS : ""), el("button", { type: "button", on: { click: () => this.take(null) } }, "done")]));
+    hint.replaceChildren(...(this.tool === null ? [] : [text + (this.keys ? BY_KEYS : ""), own ? el("button", { type: "button", on: { click: () => this.undo() } }, "take away") : null, el("button", { type: "button", on: { click: () => this.done() } }, "done")].filter(Boolean)));
+  }
+
+  // Where a path was to be drawn and was not, somebody drives in the scene that was there.
+  done() {
+    this.take(null);
+    if (!this.drive.runs.length) this.drive.go(false);
   }
 
   // Without a mouse: arrows move a cross, Enter is the button of the mouse.
@@ -127,7 +133,7 @@ class Editor {
       const step = (shiftKey ? 50 : 10) / replay.view.pixels;
       this.cross = [x + step * dx, y + step * dy];
       this.drag(this.cross);
-    } else if (key === "Escape") this.take(null);
+    } else if (key === "Escape") this.done();
     else if (key === "Enter" || key === " ") {
       if (this.grabbed) this.dropped();
       else this.grab(this.cross || replay.view.centre, 10);
@@ -159,6 +165,7 @@ class Editor {
     for (const actor of replay.actors) actor.ghost = false;
     this.handle = null;
     if (this.about) replay.told_of.textContent = this.about;
+    this.tell(HINTS[this.tool]);
     drive.changed();
     replay.listActors();
     drive.race.tellScene();
@@ -284,16 +291,19 @@ class Editor {
   dropped() {
     if (!this.grabbed) return;
     const { tool, grabbed, to } = this;
+    if (shapeOf[tool]) {
+      const clicked = !to || Math.hypot(to[0] - grabbed[0], to[1] - grabbed[1]) * this.replay.view.pixels < 5;
+      const [x, y] = grabbed;
+      this.made = shapeOf[tool](clicked && tool !== "disc" ? [x - CLICKED, y - CLICKED] : grabbed, clicked ? [x + CLICKED, y + (tool === "disc" ? 0 : CLICKED)] : to);
+    }
     this.grabbed = null;
     this.to = null;
     if (tool === "path") { this.follow(drawnPath(this.line)); return; }
+    if (tool !== "move" && this.covers()) { this.replay.refresh(); return; }
     const over = this.replay.step >= this.replay.last; // a run that is over starts again
     if (tool !== "move") {
-      const clicked = !to || Math.hypot(to[0] - grabbed[0], to[1] - grabbed[1]) * this.replay.view.pixels < 5;
-      const [x, y] = grabbed;
-      const from = clicked && tool !== "disc" ? [x - CLICKED, y - CLICKED] : grabbed;
       this.change((world) => {
-        world.obstacles.push(shapeOf[tool](from, clicked ? [x + CLICKED, y + (tool === "disc" ? 0 : CLICKED)] : to));
+        world.obstacles.push(this.made);
         world.own = (world.own || 0) + 1;
         if (world.patrols.length) world.patrols.push([0, 0, 0, 0, 0, 0]);
         this.handle = { kind: "obstacle", index: world.obstacles.length - 1 };
@@ -304,6 +314,15 @@ class Editor {
     if (over) this.replay.seek(0);
     this.ended();
     this.replay.toggle(true);
+  }
+
+  // Whether what was drawn stands where the robot starts or is to arrive; it is told.
+  covers() {
+    const { world, robot } = this.replay;
+    const on = (pose) => pose && distanceTo(this.made, pose[0], pose[1]) < (HULLS[robot] || 0.25);
+    const place = on(world.start) ? "where the robot starts" : on(world.goal) ? "on the star" : "";
+    if (place) this.tell(`Nothing can stand ${place}: put it elsewhere.`);
+    return Boolean(place);
   }
 
   // What was drawn ends the tool, unless it stays for more.

@@ -320,6 +320,6 @@ class Looks {
     this.button.setAttribute("aria-disabled", !shown.length); // greyed, and says why when it is pressed
     this.button.title = told || "Choose a run in the list: the page can draw what most controllers and networks look at, not what you or a friend think.";
     this.legend.hidden = !(this.on && shown.length);
-    this.legend.textContent = told;
+    this.legend.textContent = `What is drawn: ${told}`;
   }
 }

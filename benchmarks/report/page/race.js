@@ -5,8 +5,8 @@ const BEST = "wayfield best times"; // in the browser's storage
 const MEDALS = ["gold", "silver", "bronze"];
 const ENDED = { success: "Finished in", collision: "Crashed after", left_corridor: "Off the path after", timeout: "Out of time:" };
 const ABOUT = "Beat controllers and a trained network by hand, or watch them drive.";
-const ASKED = { path: "Follow the path to the star", dock: "Park on the star, facing along its line" };
-const KEYS = "Hold ↑ (or “ahead”) to drive, ← and → to turn; the clock starts with your first press.";
+const ASKED = { path: "Follow the path to the star", dock: "Park on the star, facing the way its line points" };
+const coarse = () => window.matchMedia("(pointer: coarse)").matches;
 
 const still = () => window.matchMedia("(prefers-reduced-motion: reduce)").matches;
 
@@ -52,7 +52,8 @@ class Race {
     this.sentence = el("p", { class: "sentence", role: "status" });
     this.number = el("select", { "aria-label": "challenge", on: { change: () => this.open(Number(this.number.value)) } });
     replay.words.append(this.sentence);
-    const front = el("div", { class: "front" }, replay.words, el("div", { class: "large" }, button("Race it", () => this.start()), button("Draw a path", (event) => this.draw(!event.detail)), button("Put things in its way", (event) => this.put(!event.detail))),
+    this.large = [button("Race it", () => this.start()), button("Draw a path", (event) => this.draw(!event.detail)), button("Put things in its way", (event) => this.put(!event.detail))];
+    const front = el("div", { class: "front" }, replay.words, el("div", { class: "large" }, this.large),
       el("label", { class: "numbers" }, "challenges", this.number));
     this.list();
     replay.app.before(front);
@@ -68,11 +69,22 @@ class Race {
   tellScene() {
     if (!this.sentence) return;
     const { told: { demo }, world } = this.replay;
-    const hand = this.drive.hand && !this.drive.hand.actor.outcome;
-    this.sentence.textContent = hand ? `${ASKED[world.kind] || "Drive to the star"}. ${KEYS}` : this.opening ? demo.sentence : this.closest() || ABOUT;
+    const { hand: run, editor } = this.drive;
+    const hand = run && !run.actor.outcome;
+    const modes = [hand && !editor.stays, editor.stays && editor.tool === "path", editor.stays && editor.tool === "disc"];
+    this.large.forEach((button, k) => button.setAttribute("aria-pressed", Boolean(modes[k])));
+    this.sentence.textContent = hand ? this.asked(run) : this.opening ? demo.sentence : this.closest() || ABOUT;
     this.number.value = this.now < 0 ? "" : String(this.now);
-    const { editor } = this.drive;
     if (editor.stays && this.closest()) editor.tell(`${this.closest()} Draw another line as you like.`);
+  }
+
+  // What the hand is to do; once nobody else is on the way, how to begin anew.
+  asked(run) {
+    const { replay } = this;
+    const others = replay.actors.filter((actor) => actor !== run.actor);
+    if (run.tape.length && others.length && others.every((actor) => replay.tells(actor))) return "The others are through. Drive on, or press “Race it” to start again.";
+    const turn = coarse() ? `hold “ahead” to drive, ${run.simulator.body.axes.length > 2 ? "“turn left” and “turn right”" : "“left” and “right”"} to turn` : "hold ↑ to drive, ← and → to turn";
+    return `${ASKED[replay.world.kind] || "Drive to the star"}: ${turn}. The clock starts with your first press.`;
   }
 
   // Along a path that was drawn: who kept to it best, once all have driven it.
@@ -80,7 +92,11 @@ class Race {
     const { replay, drive: { runs } } = this;
     if (replay.world.name !== "drawn" || runs.length < 2 || !runs.every(({ actor }) => replay.tells(actor))) return "";
     const there = runs.filter(({ actor }) => actor.outcome === "success").sort((a, b) => a.measures.error - b.measures.error);
-    return there.length ? `Closest to your line: ${there[0].actor.label}, ${short(1000 * there[0].measures.error)} mm off (RMS). ${there.length} of ${runs.length} arrived.` : "None got to the end of your line.";
+    if (there.length && this.crowned !== replay.world) { // the best one is looked at
+      this.crowned = replay.world;
+      replay.choose(there[0].actor);
+    }
+    return there.length ? `Closest to your line: ${there[0].actor.label}, typically ${short(1000 * there[0].measures.error, 2)} mm off. ${there.length} of ${runs.length} arrived.` : "None got to the end of your line.";
   }
 
   get best() {
@@ -110,7 +126,7 @@ class Race {
   get now() {
     const { drive, replay } = this;
     const place = picks && picks.state();
-    if (!place || replay.world.edited || drive.tier.value !== "lagged" || drive.disturbance.value !== "none") return -1;
+    if (!place || replay.blank || replay.world.edited || drive.tier.value !== "lagged" || drive.disturbance.value !== "none") return -1;
     return this.challenges.findIndex(({ family, seed, robot }) => family === place.family && seed === place.seed && robot === replay.robot);
   }
 
@@ -144,8 +160,6 @@ class Race {
 
   draw(keys) {
     this.place(this.challenges[0]);
-    picks.own();
-    this.replay.told_of.textContent = "Nothing but the path that you draw.";
     this.drive.editor.take("path", keys, true);
   }
 
@@ -183,7 +197,7 @@ class Race {
     this.banner.hidden = true;
     const count = actors.length;
     const found = k < 0 ? null : this.best[this.key(k)];
-    const rule = count > 1 ? `${count} drive, gold for the first${count > 2 ? ", silver for the second, bronze for the third" : ""}. ` : "";
+    const rule = this.replay.world.kind === "dock" ? `${ASKED.dock}. ` : count > 1 ? `gold for the first of ${count}${count > 2 ? ", then silver, bronze" : ""}. ` : "";
     hint.hidden = false;
     hint.replaceChildren(`${k < 0 ? "" : `${k + 1}. ${this.challenges[k].name}: `}${rule}${found ? `Your best: ${found.time.toFixed(2)} s. ` : ""}The clock starts with your first press. `,
       this.button("Start", () => show(still() ? 0 : 3), { class: "go" }));
@@ -236,14 +250,14 @@ class Race {
     const place = arrived(run.actor) && settled ? times.filter((each) => each < steps(run.actor)).length : -1; // a tie is the hand's
     const medal = rivals.length && place >= 0 ? MEDALS[place] || "" : "";
     if (place >= 0) this.keep(steps(run.actor) * DT, medal);
-    const better = rivals.length && rivals.every(({ outcome }) => outcome) ? MEDALS.slice(0, Math.min(place < 0 ? 3 : place, rivals.length)).map((each, k) => `${each} ${times[k] ? seconds(times[k]) : "any finish"}`) : [];
+    const better = rivals.length && rivals.every(({ outcome }) => outcome) ? MEDALS.slice(0, Math.min(place < 0 ? 3 : place, rivals.length)).map((each, k) => (times[k] ? `${each} within ${seconds(times[k])}` : `${each} for any finish`)) : [];
     const order = [...field].sort((a, b) => arrived(b) - arrived(a) || Boolean(a.outcome) - Boolean(b.outcome) || steps(a) - steps(b) || (b === run.actor) - (a === run.actor));
     const words = order.map((actor) => `${actor === run.actor ? "You" : actor.label} ${arrived(actor) ? seconds(steps(actor)) : OUTCOMES[actor.outcome] || "still drives"}`);
     const next = this.nth >= 0 && this.nth + 1 < this.challenges.length;
     this.say(el("strong", { class: arrived(run.actor) ? "" : "bad" }, `${ENDED[run.actor.outcome]} ${seconds(steps(run.actor))}`),
       place < 0 || !rivals.length ? null : el("p", { class: medal ? `medal ${medal}` : "" }, `${["1st", "2nd", "3rd"][place] || `${place + 1}th`} of ${rivals.length + 1}: ${medal || "no"} medal`),
       el("p", {}, `${words.join(", ")}.`), better.length ? el("p", {}, `Needed: ${better.join(", ")}.`) : null,
-      el("div", { class: "files" }, this.button(matchMedia("(pointer: coarse)").matches ? "Try again" : "Try again (R)", () => this.again(), { class: "go" }), next ? this.button("Next challenge", () => this.open(this.nth + 1)) : null,
+      el("div", { class: "files" }, this.button(coarse() ? "Try again" : "Try again (R)", () => this.again(), { class: "go" }), next ? this.button("Next challenge", () => this.open(this.nth + 1)) : null,
         this.button("Copy a link to race this run", async () => this.tell(await drive.share.link())), this.button("close", () => { this.clear(); drive.rest(); })), told ? el("p", { class: "note" }, told) : null);
   }
 
@@ -262,7 +276,8 @@ class Race {
   // A friend's run came by a link.
   challenged(run) {
     this.drive.replay.choose(run.actor);
-    this.say(el("strong", {}, `A friend drove this for ${(run.tape.length * DT).toFixed(2)}\u00a0s`), el("p", {}, "Can you do better?"),
+    while (run.pending) this.drive.pump(1); // who is looked at goes first
+    this.say(el("strong", {}, `A friend: ${(ENDED[run.actor.outcome] || "drove for").toLowerCase()} ${(run.tape.length * DT).toFixed(2)}\u00a0s`), el("p", {}, "Can you do better?"),
       el("div", { class: "files" }, this.button("Race the ghost", () => this.again(), { class: "go" }), this.button("watch first", () => { this.clear(); this.replay.toggle(true); })));
   }
 }

@@ -17,7 +17,7 @@ function framed(film, { board, canvas, beside }) {
 
 function recordButton(replay) {
   let recorder = null;
-  const button = el("button", { type: "button", class: "stepwise", title: `a film of ${FILM.seconds} s`, on: { click: () => (recorder ? recorder.stop() : begin()) } }, "record video");
+  const button = el("button", { type: "button", class: "stepwise record", title: `a film of ${FILM.seconds} s`, on: { click: () => (recorder ? recorder.stop() : begin()) } }, "record video");
   const begin = () => {
     const { width, height } = replay.board.getBoundingClientRect();
     const film = el("canvas", { width: Math.min(Math.round(width), FILM.width), height: Math.round(Math.min(1, FILM.width / width) * height) });
@@ -33,7 +33,7 @@ function recordButton(replay) {
       downloaded(new Blob(parts, { type: "video/webm" }), "wayfield.webm");
     };
     recorder.start();
-    button.textContent = "stop recording";
+    button.textContent = "● stop recording";
     replay.toggle(true);
   };
   button.hidden = typeof MediaRecorder === "undefined" || !MediaRecorder.isTypeSupported("video/webm");

@@ -44,7 +44,7 @@ class Replay {
     this.beside = el("canvas", { class: "beside", hidden: true, role: "img", "aria-label": "the other run at the same moment" });
     this.otherView = new View(this.beside);
     this.other = null; // the actor of the second pane; null: there is one pane
-    const pane = (side, change) => el("select", { class: `pane ${side}`, hidden: true, "aria-label": `run on the ${side}`, on: { change: (event) => change(this.actors[Number(event.target.value)]) } });
+    const pane = (side, change) => el("select", { class: `pane ${side}`, hidden: true, "aria-label": side === "left" ? "first run" : "second run", on: { change: (event) => change(this.actors[Number(event.target.value)]) } });
     this.panes = [pane("left", (actor) => this.choose(actor)), pane("right", (actor) => { this.other = actor; this.listActors(); this.refresh(true); })];
     this.traces = [
       new Trace("error", "m", errorsOf, (k) => this.seek(k)),
@@ -234,7 +234,7 @@ class Replay {
     const last = actor.x.length - 1;
     if (!this.tells(actor)) return [1, 0];
     if (actor.outcome !== "success") return [2, -last];
-    return [0, this.world.kind === "path" && actor.error ? rmsOf(actor, last) : last];
+    return [0, this.world.kind === "path" && actor.error ? rmsOf(actor, last) : last - (actor.policy === KEYBOARD ? 0.5 : 0)]; // a tie is the hand's
   }
 
   listActors() {
@@ -337,10 +337,14 @@ class Replay {
       view.zoom = Math.max(view.zoom, 2.5);
     }
     const shown = this.actors.filter((actor) => !actor.hidden);
-    this.fitButton.hidden = !view.middle;
+    this.fitButton.hidden = !view.middle || this.follows;
+    this.followButton.hidden = !this.fitButton.hidden;
+    this.scanButton.hidden = !(world.bodies || world.walls || (world.obstacles && world.obstacles.length)); // nothing to see
     if (this.actors.filter((actor) => this.tells(actor)).length !== this.listed) {
       this.listActors();
       if (this.ends) this.ends();
+      this.refresh(changed); // of who is chosen now
+      return;
     }
     if (this.other) {
       Object.assign(this.otherView, { bounds: view.bounds, zoom: view.zoom, middle: view.middle, least: view.least });

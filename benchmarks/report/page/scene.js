@@ -123,6 +123,15 @@ function drawWorld(context, world, time, pixel) {
   }
   const own = world.obstacles ? world.obstacles.length - (world.own || 0) : 0; // the last ones were put there
   solidsAt(world, time).forEach((obstacle, k) => drawObstacle(context, obstacle, pixel, world.own && k >= own && k < own + world.own ? "--accent" : "--solid"));
+  for (const [x, y, vx, vy, legTime] of world.patrols || []) if (legTime > 0) { // what moves, and how far
+    context.beginPath();
+    context.moveTo(x, y);
+    context.lineTo(x + legTime * vx, y + legTime * vy);
+    context.setLineDash([2 * pixel, 6 * pixel]);
+    [context.strokeStyle, context.lineWidth] = [ink("--solid"), 2 * pixel];
+    context.stroke();
+    context.setLineDash([]);
+  }
   (world.waypoints || []).forEach(([x, y]) => ring(context, x, y, world.waypoint_radius, pixel));
   if (world.goal) {
     const [x, y, heading] = world.goal;
@@ -212,7 +221,7 @@ function drawActor(context, actor, k, hull, pixel, chosen) {
   context.globalAlpha = 1;
 }
 
-// Who is who, above the robots or below, one above the other where they stand close; of many those that have room.
+// Who is who, above the robots or below, one above the other where they stand close; those on one spot share a name.
 function drawNames(context, view, actors, k, hull, pixel) {
   const placed = [];
   const [middle, height] = [view.centre[0] * view.pixels, -view.centre[1] * view.pixels];
@@ -221,15 +230,21 @@ function drawNames(context, view, actors, k, hull, pixel) {
   context.font = "600 13px system-ui, sans-serif";
   context.textAlign = "center";
   context.lineWidth = 4;
+  const spots = [];
   for (const { x, y, label, policy, outcome } of actors) {
     const last = Math.min(k, x.length - 1);
     if (k > last && !outcome) continue; // it waits
-    const name = label.replace(/ \(.*\)/, "");
+    const same = spots.find((spot) => Math.hypot(spot.x - x[last], spot.y - y[last]) < 0.7 * hull);
+    if (same) same.more += 1;
+    else spots.push({ x: x[last], y: y[last], name: label.replace(/ \(.*\)/, ""), policy, more: 0 });
+  }
+  for (const { x, y, policy, more, ...spot } of spots) {
+    const name = more ? `${spot.name} +${more}` : spot.name;
     const half = context.measureText(name).width / 2 + 4;
     const room = Math.max(view.width / 2 - half, 0);
-    const at = Math.min(Math.max(x[last] / pixel, middle - room), middle + room);
-    const [above, below] = [(-y[last] - hull) / pixel - 6, (-y[last] + hull) / pixel + 16];
-    const free = [0, 1, 2, 3, 4, -1, -2, -3, -4].map((row) => (row < 0 ? below - 16 * (row + 1) : above - 16 * row))
+    const at = Math.min(Math.max(x / pixel, middle - room), middle + room);
+    const [above, below] = [(-y - hull) / pixel - 6, (-y + hull) / pixel + 16];
+    const free = [0, 1, 2, -1, -2].map((row) => (row < 0 ? below - 16 * (row + 1) : above - 16 * row))
       .find((foot) => Math.abs(foot - 5 - height) < view.height / 2 - 8 && placed.every(([px, py, ph]) => Math.abs(px - at) > ph + half || Math.abs(py - foot) >= 16));
     if (free === undefined) continue;
     placed.push([at, free, half]);

@@ -10,7 +10,7 @@ class Share {
     this.replay = drive.replay;
     const button = (text, click) => el("button", { type: "button", on: { click } }, text);
     this.told = el("p", { class: "note", role: "status" });
-    this.part = el("details", { open: true }, el("summary", {}, "Share"), el("div", { class: "files" }, button("copy link", () => this.link()), button("copy Python", () => this.python())), this.told);
+    this.part = el("details", { open: true }, el("summary", {}, "Share"), el("div", { class: "files" }, button("copy link", async () => { this.told.textContent = await this.link(); }), button("copy Python", () => this.python())), this.told);
     // a link that is pasted into the page, or into its address, is opened
     document.addEventListener("paste", (event) => {
       const [, state] = event.clipboardData.getData("text").trim().split("#");
@@ -42,8 +42,7 @@ class Share {
     const told = there ? "Link copied." : "The link is in the address bar.";
     const long = url.length > LONG ? ` It is long, ${url.length} characters: some chats cut it.` : "";
     const file = decodeURIComponent(location.pathname.split("/").pop());
-    this.told.textContent = site || location.protocol !== "file:" ? `${told}${long}` : `${told} It works on this computer only, as this page is a file here. To send the run: send the file ${file} and the link; your friend opens the file and pastes the link into it (Ctrl+V).${long}`;
-    return this.told.textContent;
+    return site || location.protocol !== "file:" ? `${told}${long}` : `${told} It works on this computer only, as this page is a file here. To send the run: send the file ${file} and the link; your friend opens the file and pastes the link into it (Ctrl+V).${long}`;
   }
 
   // Shows what a link holds; an Error says what is wrong with it.
