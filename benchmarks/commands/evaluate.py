@@ -439,10 +439,12 @@ def run_papers(options: Options) -> None:
                 train(claim, home, options.steps)
             except subprocess.CalledProcessError as error:
                 raise click.ClickException("the training failed, as said above") from error
-        try:
-            rows = list(drive(claim, options.episodes or 0, home))
-        except ValueError as error:  # of a claim that is being written
-            raise click.ClickException(f"claim {claim.name}: {error}") from error
+        # agents trained anew stand in for those that ship in this process alone
+        with shared_out(1 if home else options.processes) as executor:
+            try:
+                rows = list(drive(claim, options.episodes or 0, home, executor))
+            except ValueError as error:  # of a claim that is being written
+                raise click.ClickException(f"claim {claim.name}: {error}") from error
     folder.mkdir(parents=True, exist_ok=True)
     write_whole(folder / f"{claim.name}.csv", written(rows))
     found, sides, strata = of_rows(claim, rows)

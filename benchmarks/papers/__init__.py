@@ -9,9 +9,10 @@ from wayfield.benchmarks.papers import (
     own_paths,
     own_teams,
     ros_jackal,
+    training_worlds,
 )
 from wayfield.benchmarks.papers.claim import Claim
 
 _OWN = (own_paths, own_goals, own_teams)
-_PAPERS = (crowdnav, crowdnav_sarl, ros_jackal, dwa_switch, lookahead_ppo)
+_PAPERS = (crowdnav, crowdnav_sarl, ros_jackal, dwa_switch, lookahead_ppo, training_worlds)
 CLAIMS: dict[str, Claim] = {each.CLAIM.name: each.CLAIM for each in (*_OWN, *_PAPERS)}

@@ -23,9 +23,11 @@ from numpy.typing import NDArray
 from wayfield.benchmarks.contests import ALL_CONTESTS, Course, Entrants
 from wayfield.benchmarks.contests.contest import HAND_TUNED, Contest
 from wayfield.benchmarks.entrants.own_policies import own_policy
+from wayfield.benchmarks.records.episode import Row
 from wayfield.benchmarks.runs.suite import Setting, episodes
 from wayfield.benchmarks.statistics.paired import SIGNIFICANT, Difference, difference
 from wayfield.policies.trained.ppo import in_place_of
+from wayfield.system.executors import Map
 
 Array = NDArray[np.float64]
 Measure = Literal["success", "time", "error"]
@@ -193,25 +195,35 @@ def settings(claim: Claim, side: Side, scenes: int, home: Path | None = None) ->
             yield seed, Setting(contest.name, case, "kinematic", "lagged", 0, scenes, members=course.members)
 
 
-def drive(claim: Claim, scenes: int = 0, home: Path | None = None) -> Iterator[dict[str, str]]:
+def driven(setting: Setting) -> list[Row]:
+    """Returns the episodes of a setting."""
+    return [row for row, _ in episodes(setting)]
+
+
+def drive(claim: Claim, scenes: int = 0, home: Path | None = None, spread: Map = map) -> Iterator[dict[str, str]]:
     """Yields a row of COLUMNS for each episode; where times are compared, a failure takes the whole clock.
 
     Args:
         scenes: of each family; 0: as the claim says.
-        home: a folder of agents that `train` has trained, which drive in place of those that ship.
+        home: a folder of agents that `train` has trained, which drive in place of those that ship: in this process.
+        spread: an executor, which shares out the work.
     """
     contest: Contest = ALL_CONTESTS[claim.contest]
     metric = contest.cost.metric if claim.measure == "error" else "time"
     with contextlib.ExitStack() as stack:
         if home is not None and claim.training is not None and claim.training.ships:
             stack.enter_context(in_place_of(claim.training.ships, home))
-        for name, side in claim.sides.items():
-            for seed, setting in settings(claim, side, scenes or claim.scenes, home):
-                clock = contest.failure_cost(setting.case.max_episode_steps)
-                for i, (row, _) in enumerate(episodes(setting)):
-                    cost = row[metric] if row["success"] or claim.measure != "time" else clock
-                    cells = (claim.name, name, seed, row["family"], str(i), f"{int(row['success'])}", f"{cost:.6g}")
-                    yield dict(zip(COLUMNS, cells, strict=True))
+        parts = [
+            (name, seed, setting)
+            for name, side in claim.sides.items()
+            for seed, setting in settings(claim, side, scenes or claim.scenes, home)
+        ]
+        for (name, seed, setting), rows in zip(parts, spread(driven, [part[2] for part in parts]), strict=True):
+            clock = contest.failure_cost(setting.case.max_episode_steps)
+            for i, row in enumerate(rows):
+                cost = row[metric] if row["success"] or claim.measure != "time" else clock
+                cells = (claim.name, name, seed, row["family"], str(i), f"{int(row['success'])}", f"{cost:.6g}")
+                yield dict(zip(COLUMNS, cells, strict=True))
 
 
 def gathered(rows: Iterable[Mapping[str, str]]) -> tuple[dict[str, Driven], list[str]]:

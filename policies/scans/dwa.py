@@ -132,17 +132,17 @@ class Dwa(ScanLaw):
 def choose_twists(params, scan, seen, memory, twists):
     """Fills the (b, 3) twists of `Dwa.act`.
 
-    Beside the gains, one record for all robots or one for each: `sideways`, whether the grid is one of velocities, and
-    `all_round`, whether the scan surrounds the robot, so that it may back away.
+    Beside the gains: `sideways`, whether the grid is one of velocities, and `all_round`, whether the scan surrounds the
+    robot, so that it may back away.
     """
+    p = params[0]
     points = np.empty((2 * scan.ranges.shape[1] + SECTORS, 3))
     candidates = np.empty((SPEEDS * TURNS, 4))  # a twist and its score
+    radius = p.plant.hull_radius + p.margin
+    delay = p.plant.lag + p.plant.dt
+    stopping = p.max_speed * (delay + p.plant.dt + p.max_speed / p.plant.acceleration)
+    farthest = radius + p.room_range + max(p.max_speed * p.horizon, stopping, 3.0)
     for i in range(scan.ranges.shape[0]):
-        p = params[min(i, params.shape[0] - 1)]
-        radius = p.plant.hull_radius + p.margin
-        delay = p.plant.lag + p.plant.dt
-        stopping = p.max_speed * (delay + p.plant.dt + p.max_speed / p.plant.acceleration)
-        farthest = radius + p.room_range + max(p.max_speed * p.horizon, stopping, 3.0)
         m = memory[i]
         count = find_hits(p, scan, seen, m, i, farthest, radius, points)
         slowest = 0.0
