@@ -55,7 +55,9 @@ def vector(env_id: str, num_envs: int, **options: Any) -> NativeVectorEnv:
 
 
 def fitting(spec: TaskSpec, name: str) -> dict[str, str]:
-    """Returns options under which a robot fits: of the frozen families, docking's default, those of its hull class."""
+    """Returns options under which a robot fits: docking's default of its hull class, a car's wide reference."""
+    if spec.observes == "reference" and ROBOTS[name].turning_radius > 0.0:
+        return {"scenario": "round_1m"}
     classed = spec.repertoire.split_for("all/train", ROBOTS[name].hull_radius)
     return {"scenario": classed} if "@" in classed and spec.name == "docking" else {}
 
