@@ -13,7 +13,7 @@ from wayfield.system.command_line import say
 WIDTH = 100  # characters, where the terminal has them
 MOST_LINES = 6  # of a small table
 _NAME_WIDTH = 30  # of the first column in a narrow terminal, in characters
-_SHORT = {"speed (m/s)": "m/s", "tracking error (mm)": "tracking (mm)"}
+_SHORT = {"speed (m/s)": "m/s", "tracking error (mm)": "error (mm)"}
 
 
 def print_short(
