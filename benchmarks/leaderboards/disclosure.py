@@ -25,6 +25,7 @@ _SEES: Mapping[str, str] = {
 _INPUTS: Mapping[str, Mapping[str, str]] = {
     "path": {"sensors": "path errors", "path": "whole path"},
     "reference": {"sensors": "reference, 0.8 s", "path": "whole reference"},
+    "goal": {"path": "goal"},
 }  # of what a task observes: what `knows` means there
 _AGENT_ON_PATHS = (
     "its last commands; holds a quicker base to the accelerations and the lag that it knows; its reward was the exact "

@@ -96,6 +96,14 @@ def test_all_trajectories_are_kept_whole_on_request(paths: tuple[Path, Result]) 
         assert measure(driven, None)["cross_track_rms"] == pytest.approx(row["cross_track_rms"], rel=1e-9)
 
 
+@pytest.mark.slow
+def test_all_policies_are_those_on_request_too(tmp_path: Path) -> None:
+    words = ("--policies", "all", "--families", "rounds", "--episodes", "1", "--gains", "default")
+    done = evaluate("--suite", "trajectory-tracking", *words, "--out", tmp_path / "run")
+    assert done.exit_code == 0, done.stderr
+    assert set(CONTESTS["trajectory-tracking"].on_request) <= {row["policy"] for row in read_rows(tmp_path / "run")}
+
+
 def test_every_policy_can_be_told_its_speed() -> None:
     for each in CONTESTS.values():
         if each.speeds:
