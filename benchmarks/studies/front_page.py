@@ -294,27 +294,37 @@ def _lines(found: Sequence[Panel]) -> list[str]:
     if not found:
         return ["No run of this version is published."]
     shown = f"![The best controller beside the best agent at each task, with 95 % intervals]({FIGURE})"
-    return ["\n".join([shown, "", _count(found), "", *sentences(found)])]
+    return ["\n".join([_count(found), "", shown, "", *sentences(found)])]
 
 
 def _count(found: Sequence[Panel]) -> str:
-    """Returns how many kinds of scenes each camp wins, and where agents do."""
+    """Returns how many kinds of scenes each camp wins, and which."""
     won, lost = (
         [_where(panel, match) for panel in found for match in panel.matches if match.outcome == outcome]
         for outcome in (BETTER, WORSE)
     )
     count = sum(len(panel.matches) for panel in found)
-    camps = (f"{len(each)} ({'; '.join(each)})" if each else "none" for each in (won, lost))
-    return (
-        "Of {} kinds of scenes, controllers win {}, agents win {}, and {} are ties: equivalent, or no significant "
-        "difference.".format(count, *camps, count - len(won) - len(lost))
+    wins, losses = (len(each) or "none" for each in (won, lost))
+    ties = count - len(won) - len(lost)
+    which = [f"{camp} win {_listed(each)}." for camp, each in (("Controllers", won), ("Agents", lost)) if each]
+    return " ".join(
+        (
+            f"**Controllers win {wins} of {count} kinds of scenes, agents trained with PPO win {losses}; {ties} are "
+            "ties.**",
+            *which,
+            "A tie means equivalent, or no significant difference.",
+        )
     )
+
+
+def _listed(phrases: Sequence[str]) -> str:
+    return phrases[0] if len(phrases) == 1 else f"{', '.join(phrases[:-1])} and {phrases[-1]}"
 
 
 def _where(panel: Panel, match: Match) -> str:
     """Returns a kind of scenes as a phrase."""
-    task = "" if match.where in CROWDS.values() else f"{panel.title.partition(' (')[0].lower()} "
-    return f"{'on ' if panel.unit == 'mm' else task}{match.where}{', by time' * bool(match.faster)}"
+    task = "" if match.where in CROWDS.values() else f"in {panel.title.partition(' (')[0].lower()} "
+    return f"{'on ' if panel.unit == 'mm' else task}{match.where}{' (by time)' * bool(match.faster)}"
 
 
 def figure(found: Sequence[Panel]) -> bytes:
