@@ -241,7 +241,8 @@ def sentences(found: Sequence[Panel]) -> list[str]:
                 f"{'and ' if words == before else ''}{place if words == before else words.format(place)} ({numbers})"
             )
             before = words
-        verdicts.append(f"- **{panel.title}**: {'; '.join(clauses).replace('; and ', ', and ')}.")
+        title = panel.title.replace("a fallback", "`reeds_shepp_scan` as its fallback")
+        verdicts.append(f"- **{title}**: {'; '.join(clauses).replace('; and ', ', and ')}.")
     return verdicts
 
 
@@ -273,7 +274,7 @@ def _clause(panel: Panel, match: Match) -> tuple[str, str, str]:
     numbers += f", {match.scenes:,} {panel.scenes}"
     if match.faster:  # elsewhere the numbers are those of the verdict
         numbers = f"{match.faster}; {'both' if a.value == b.value else 'tie in success:'} {numbers}"
-    numbers = "; ".join(filter(None, (numbers, match.ppo and f"PPO: {match.ppo} %")))
+    numbers = "; ".join(filter(None, (numbers, match.ppo and f"PPO trained for this robot alone: {match.ppo} %")))
     if speeds:
         numbers += ", at {:.2f} vs. {:.2f} m/s".format(*speeds[::turned])
     words = {
@@ -312,7 +313,7 @@ def _count(found: Sequence[Panel]) -> str:
             f"**Controllers win {wins} of {count} kinds of scenes, agents trained with PPO win {losses}; {ties} are "
             "ties.**",
             *which,
-            "A tie means equivalent, or no significant difference.",
+            "In a tie the two are shown equivalent (the line says so), or do not differ significantly.",
         )
     )
 
