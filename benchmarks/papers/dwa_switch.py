@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.benchmarks.papers.claim import Claim, Printed, Side, Training
+from wayfield.benchmarks.papers.networks import together
 from wayfield.envs import goal_reaching
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies import make, tuned_gains
@@ -41,12 +42,7 @@ class Switch:
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns both memories, (b,)."""
-        parts = {name: each.reset(briefing) for name, each in self._parts(briefing).items()}
-        fields: list[Any] = [(name, each.dtype, each.shape[1:]) for name, each in parts.items()]
-        memory = np.zeros(briefing.num_envs, fields)
-        for name, each in parts.items():
-            memory[name] = each
-        return memory
+        return together({name: each.reset(briefing) for name, each in self._parts(briefing).items()})
 
     def act(self, observation: Any, briefing: Briefing, memory: NDArray[Any]) -> NDArray[np.float64]:
         """Returns the twists (b, 2), m/s and rad/s."""

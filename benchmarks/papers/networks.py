@@ -6,6 +6,7 @@ A policy says what its network sees and what its actions do; `training` needs no
 import dataclasses
 import functools
 import itertools
+from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
 from typing import Any, ClassVar
@@ -48,12 +49,9 @@ class Networked:
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns a memory (b,): the numbers, for how long they have held, and what `kept` says."""
-        kept = self.kept(briefing)
-        parts = [(name, each.dtype, each.shape[1:]) for name, each in kept.items()]
-        memory = np.zeros(briefing.num_envs, [("held", np.int64), ("action", np.float64, (self.actions,)), *parts])
-        for name, each in kept.items():
-            memory[name] = each
-        return memory
+        robots = briefing.num_envs
+        mine = {"held": np.zeros(robots, np.int64), "action": np.zeros((robots, self.actions))}
+        return together({**mine, **self.kept(briefing)})
 
     def act(self, observation: Any, briefing: Briefing, memory: NDArray[Any]) -> Array:
         """Returns the twists (b, 2), m/s and rad/s."""
@@ -76,6 +74,15 @@ class Networked:
     def driven(self, observation: Any, briefing: Briefing, memory: NDArray[Any]) -> Array:
         """Returns the twists (b, 2) by memory["action"]."""
         raise NotImplementedError
+
+
+def together(memories: Mapping[str, NDArray[Any]]) -> NDArray[Any]:
+    """Returns memories (b, ...) as the fields of one (b,)."""
+    fields: list[Any] = [(name, each.dtype, each.shape[1:]) for name, each in memories.items()]
+    memory = np.zeros(len(next(iter(memories.values()))), fields)
+    for name, each in memories.items():
+        memory[name] = each
+    return memory
 
 
 def answer(folder: str, weights: str, network: str, seen: Array) -> Array:

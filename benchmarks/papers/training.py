@@ -10,9 +10,10 @@ import torch
 from numpy.typing import NDArray
 from safetensors.numpy import save
 from stable_baselines3 import PPO
-from stable_baselines3.common.vec_env import VecEnv
+from stable_baselines3.common.vec_env import VecEnvWrapper
 
 from wayfield.benchmarks.papers.networks import Networked
+from wayfield.envs.sb3 import NativeVecEnv
 from wayfield.system.storage import write_whole
 
 ROBOTS = 128
@@ -21,7 +22,7 @@ DIGITS = 5  # of the weights that are kept
 Worth = Callable[[Any, NDArray[Any]], NDArray[Any]]  # of what a step leads to and its reward: its worth (b,)
 
 
-class LessonEnv(VecEnv):
+class LessonEnv(VecEnvWrapper):
     """Robots whose actions are the numbers that the network of a policy sets, and which see what it sees.
 
     An action holds as long as in the policy. A row that ends before goes on in its next episode under the action of
@@ -35,19 +36,19 @@ class LessonEnv(VecEnv):
     """
 
     def __init__(self, law: Networked, seed: int, env_id: str, worth: Worth | None = None, **kwargs: Any) -> None:
-        how: dict[str, Any] = {"vectorization_mode": "vector_entry_point", "autoreset_mode": "SameStep", **kwargs}
-        env: Any = gymnasium.make_vec(env_id, ROBOTS, actuators="lagged", **how)
-        self.law, self.env, self.layout, self.first, self.worth = law, env, env.task.layout, 1000 * seed, worth
+        self.worlds = NativeVecEnv(env_id, ROBOTS, actuators="lagged", **kwargs)
+        self.law, self.layout, self.first, self.worth = law, self.worlds.task.layout, 1000 * seed, worth
         box = gymnasium.spaces.Box
-        super().__init__(ROBOTS, box(-10.0, 10.0, (law.inputs,), np.float32), box(-1.0, 1.0, (law.actions,)))
+        super().__init__(self.worlds, box(-10.0, 10.0, (law.inputs,), np.float32), box(-1.0, 1.0, (law.actions,)))
 
     def _see(self, fields: Any) -> Any:
         return self.law.see(fields, self.briefing).astype(np.float32)
 
     def reset(self) -> Any:
         """Starts an episode in every row."""
-        observations, _ = self.env.reset(seed=self.first)
-        self.briefing = self.env.briefing(self.law.knows)
+        self.worlds.seed(self.first)
+        observations = self.worlds.reset()
+        self.briefing = self.worlds.parts[0].briefing(self.law.knows)
         self.memory = self.law.reset(self.briefing)
         self.fields = self.layout.unpack(observations.astype(np.float64))
         return self._see(self.fields)
@@ -61,14 +62,13 @@ class LessonEnv(VecEnv):
         earned, done, infos = np.zeros(ROBOTS), np.zeros(ROBOTS, bool), [dict[str, Any]() for _ in range(ROBOTS)]
         for _ in range(self.law.held):
             twists = self.law.driven(self.fields, self.briefing, self.memory)
-            observations, rewards, terminated, truncated, info = self.env.step(twists)
+            observations, rewards, terminated, truncated, _ = self.worlds.advance(twists)
             ended = terminated | truncated
             for i in np.flatnonzero(ended & ~done).tolist():
-                last = self._see(self.layout.unpack(info["final_obs"][i][None].astype(np.float64)))[0]
-                cut = bool(truncated[i] and not terminated[i])
-                infos[i] = {"terminal_observation": last, "TimeLimit.truncated": cut}
+                last = self._see(self.layout.unpack(self.worlds.final_observation(i)[None].astype(np.float64)))[0]
+                infos[i] = {"terminal_observation": last, "TimeLimit.truncated": not terminated[i]}
             if ended.any():
-                self.briefing = self.env.briefing(self.law.knows)
+                self.briefing = self.worlds.parts[0].briefing(self.law.knows)
                 action = self.memory["action"][ended]
                 self.memory[ended] = self.law.reset(self.briefing)[ended]
                 self.memory["action"][ended] = action
@@ -76,25 +76,6 @@ class LessonEnv(VecEnv):
             earned += np.where(done, 0.0, self.worth(self.fields, rewards) if self.worth else rewards)
             done |= ended
         return self._see(self.fields), earned.astype(np.float32), done, infos
-
-    def close(self) -> None:
-        """Closes the environment."""
-        self.env.close()
-
-    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """Returns None for each row: they have no attributes of their own."""
-        return [None] * ROBOTS
-
-    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Does nothing."""
-
-    def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
-        """Returns None for each row."""
-        return [None] * ROBOTS
-
-    def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
-        """Returns False for each row."""
-        return [False] * ROBOTS
 
 
 def trained(env: LessonEnv, seed: int, steps: int, **how: Any) -> dict[str, NDArray[Any]]:
