@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from wayfield.benchmarks.entrants.value_networks import ValueNetwork
 from wayfield.benchmarks.papers.claim import AGENT, COLUMNS, TUNED, UNTUNED, written
 from wayfield.benchmarks.papers.crowdnav_sarl import CLAIM, SEARCHED
+from wayfield.benchmarks.papers.search import searched
 from wayfield.envs.crowds import people
 from wayfield.envs.crowds.people import stroll
 from wayfield.envs.scenarios.people_families import crowdnav_case, crowdnav_tests
@@ -103,11 +104,8 @@ def rows(file: str, count: int) -> Iterator[dict[str, str]]:
             yield dict(zip(COLUMNS, cells, strict=True))
 
 
-def searched(sets: int) -> tuple[dict[str, float], float, float]:
+def chosen(sets: int) -> tuple[dict[str, float], float, float]:
     """Returns gains of ORCA, and their success and time on validation: by success, then time, as on training seeds."""
-    import optuna
-
-    optuna.logging.set_verbosity(optuna.logging.WARNING)
     training, validation = (list(map(crowdnav_case, seeds)) for seeds in (TRAINING, VALIDATION))
 
     def score(cases: Sequence[TeamScenario], gains: dict[str, float]) -> tuple[float, float]:
@@ -115,16 +113,12 @@ def searched(sets: int) -> tuple[dict[str, float], float, float]:
         won, times = ends_of(crowd, lambda k, on, _: driven[on, k])
         return 1.0 - float(won.mean()), float(times[won].mean()) if won.any() else LATEST
 
-    study = optuna.create_study(sampler=optuna.samplers.TPESampler(seed=0))
-    found = []
-    for _ in range(sets):
-        trial = study.ask()
-        gains = {name: round(trial.suggest_float(name, *ends), 3) for name, ends in RANGES.items()}
+    def worth(gains: dict[str, float]) -> float:
         lost, time = score(training, gains)
-        study.tell(trial, len(training) * lost + time / LATEST)
-        found.append((lost, time, gains))
-    found.sort(key=lambda each: each[:2])
-    (lost, time), gains = min(((score(validation, each), each) for _, _, each in found[:FINALISTS]), key=lambda e: e[0])
+        return len(training) * lost + time / LATEST
+
+    best = searched(RANGES, worth, sets)[:FINALISTS]
+    (lost, time), gains = min(((score(validation, each), each) for each in best), key=lambda each: each[0])
     return gains, 1.0 - lost, time
 
 
@@ -135,7 +129,7 @@ def searched(sets: int) -> tuple[dict[str, float], float, float]:
 def main(file: str | None, cases: int, search: bool) -> None:
     """Drives all sides of the claim with the weights of FILE, and makes the page."""
     if search:
-        gains, share, time = searched(100)
+        gains, share, time = chosen(100)
         click.echo(f"{gains}: success {share:.3f}, {time:.2f} s on validation")
     if file is None:
         return
