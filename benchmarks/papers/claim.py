@@ -40,6 +40,7 @@ DOES_NOT_HOLD = "does not hold"
 OPEN = "open"
 NO_VERDICT = "no verdict: rival not reproduced"
 AGENT, UNTUNED, TUNED, ALSO, BESIDE = "agent", "a", "b", "c", "beside"  # sides, as rows call them
+DYNAMICS = "kinematic"
 COLUMNS = ("claim", "side", "seed", "family", "scene", "success", "cost")
 
 
@@ -175,7 +176,8 @@ def settings(claim: Claim, side: Side, scenes: int, home: Path | None = None) ->
     if claim.course is not None:
         courses = [dataclasses.replace(claim.course, members=claim.course.members[:scenes])]
     else:
-        courses = [contest.course(family, claim.split, claim.robot) for family in claim.families]
+        families = contest.families(DYNAMICS, claim.families)
+        courses = [contest.course(family, claim.split, claim.robot) for family in families]
     own = ":" in side.policy
     if own:
         anew = home is not None and claim.training is not None and claim.training.function
@@ -192,7 +194,7 @@ def settings(claim: Claim, side: Side, scenes: int, home: Path | None = None) ->
             raise ValueError(f"{side.policy} has no gains {side.gains!r} for {claim.robot} here; choose from {there}")
         for case in cases:
             seed = str(case.gains.get("seed", ""))
-            yield seed, Setting(contest.name, case, "kinematic", "lagged", 0, scenes, members=course.members)
+            yield seed, Setting(contest.name, case, DYNAMICS, "lagged", 0, scenes, members=course.members)
 
 
 def driven(setting: Setting) -> list[Row]:
@@ -281,8 +283,8 @@ def judge(
 
     - none, where the rival as the source has it misses the printed number by more than the margin;
     - HOLDS, where the agent is better than the tuned rival, and than (c) where there is one;
-    - OPEN, where no rival was tuned, the interval against the tuned one reaches beyond the margin, or the agent was
-      trained for less than the source's;
+    - OPEN, where it is better than the tuned rival and not than (c), no rival was tuned, the interval against the
+      tuned one reaches beyond the margin, or the agent was trained for less than the source's;
     - ONLY_UNTUNED, where it is better than the untuned rival alone;
     - DOES_NOT_HOLD otherwise.
 
@@ -303,8 +305,8 @@ def judge(
         return name in found and found[name].low > 0.0 and ps[name] < SIGNIFICANT
 
     tuned = found.get(TUNED)
-    if better(TUNED) and (ALSO not in found or better(ALSO)):
-        verdict = HOLDS
+    if better(TUNED):
+        verdict = HOLDS if ALSO not in found or better(ALSO) else OPEN
     elif tuned is None or not tuned.high <= margin or not claim.as_long:
         verdict = OPEN
     else:
@@ -331,7 +333,9 @@ def gate_words(claim: Claim, measured: float) -> str:
     if claim.gate is None:
         return "the source prints no number of (a) to compare with"
     unit, factor = ("%", 100.0) if claim.measure == "success" else ("s", 1.0)
-    return f"(a) {factor * measured:.1f} {unit}, printed {factor * claim.gate.number:.1f} {unit} ({claim.gate.words})"
+    here = "(a)" if claim.gate.calibrated is None else "here"
+    printed = f"printed {factor * claim.gate.number:.1f} {unit}"
+    return f"{here} {factor * measured:.1f} {unit}, {printed} ({claim.gate.words})"
 
 
 def told(claim: Claim, found: Finding, sides: Mapping[str, Driven], scenes: int) -> Iterator[str]:
@@ -346,15 +350,20 @@ def told(claim: Claim, found: Finding, sides: Mapping[str, Driven], scenes: int)
     for name, each in found.gains.items():
         yield f"  against {LABELS[name]}: {shown(each, claim.measure)}"
     yield f"  gate: {gate_words(claim, found.measured)}"
-    yield f"  verdict: {found.verdict}"
+    yield f"  verdict: {found.verdict} (of this claim alone; docs/results/papers.md corrects for all claims)"
 
 
 def shown(found: Difference, measure: Measure) -> str:
-    """Returns a difference with its interval, in points of success or per cent."""
-    unit = "points" if measure == "success" else f"% less {measure}"
-    if math.isnan(found.low):
-        return "not known" if math.isnan(found.value) else f"{100.0 * found.value:+.1f} {unit}"
-    return f"{100.0 * found.value:+.1f} [{100.0 * found.low:+.1f}, {100.0 * found.high:+.1f}] {unit}"
+    """Returns a difference with its interval, in points of success, or per cent less or more."""
+    value, ends = 100.0 * found.value, (100.0 * found.low, 100.0 * found.high)
+    if math.isnan(value):
+        return "not known"
+    sign, unit = "+", "points"
+    if measure != "success":
+        sign, unit = "", f"% {'less' if value >= 0.0 else 'more'} {measure}"
+        value, ends = abs(value), ends if value >= 0.0 else (-ends[1], -ends[0])
+    interval = "" if math.isnan(ends[0]) else f" [{ends[0]:{sign}.1f}, {ends[1]:{sign}.1f}]"
+    return f"{value:{sign}.1f}{interval} {unit}"
 
 
 def of_rows(claim: Claim, rows: Iterable[Mapping[str, Any]]) -> tuple[Finding, dict[str, Driven], list[str]]:

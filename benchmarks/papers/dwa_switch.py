@@ -68,14 +68,15 @@ CLAIM = Claim(
     ),
     setting="P3DX, lagged actuators, 72 beams, 0.6 m/s, four static and four moving families of the claims split.",
     differs=(
-        "Simulation; the paper drives one robot live, in few scenes.",
-        "The learned part is our PPO agent, trained beside VFH+, not their SAC on polar images.",
-        "Our learned part alone succeeds far more often than DWA here, so that DWA has little to add.",
-        "What switches is a corridor ahead that is clear for a length searched here, not their sub-goals.",
+        "The paper drives one robot live, in few scenes, and prints times. Ours is a simulation, and compares "
+        "successes.",
+        "The learned part is our PPO agent, which learned from VFH+ first, not their SAC on polar images. Alone it "
+        "succeeds far more often than DWA here, so that DWA has little to add.",
+        "Our switch looks at whether a corridor ahead is clear for a length that was searched, not at sub-goals.",
         "The paper prints no absolute number of the rival, so nothing can be calibrated.",
     ),
-    would_change="Scenes with more people, where the paper sees the learned part ahead; another rule of switching; a "
-    "learned part that DWA can help. Ours does better alone than with it, so that `holds` is out of reach here.",
+    would_change="A learned part that DWA can help: ours does better alone, so that `holds` is out of reach here. "
+    "Another rule of switching. Scenes with more people, where the paper sees the learned part ahead.",
     contest="goal-obstacles",
     families=(
         *("clutter_10", "rooms", "doors_medium", "corridors"),

@@ -111,12 +111,14 @@ CLAIM = Claim(
     ),
     setting="P3DX, lagged actuators, 0.6 m/s, ten smooth families of the test split, ten paths each.",
     differs=(
-        "A differential drive on paths of a hall, not a car on race tracks; one speed, so no lap time.",
-        "The network sees cross-track and heading error besides speed and curvature, which the papers' does not.",
-        "The papers' rates, bounds and weights were not seen. Ours: PPO of stable-baselines3, 32 x 32, 1.5 M steps a "
+        "A differential drive on indoor paths, not a car on race tracks. It has one target speed, so there is no lap "
+        "time.",
+        "Our network sees cross-track and heading error besides speed and curvature; the papers' does not.",
+        "We did not see the papers' rates, bounds and weights. Ours: PPO of stable-baselines3, 32 x 32, 1.5 M steps a "
         "seed; a step is worth its progress over 1 + (error / 2 cm)^2.",
-        "The searched rival sees what the agent does but for curvature: a rule of speed and errors, no fixed number.",
-        "The papers' rivals have no number that we saw, so nothing can be calibrated.",
+        "(b) is not a rival of the papers. It is a rule of speed and errors, which sees what our network sees but for "
+        "curvature; theirs are a fixed look-ahead and one that grows with speed.",
+        "We saw no number of the papers' rivals, so nothing can be calibrated.",
     ),
     would_change="A car with tyres at its limits, where a steady speed is no longer safe; longer training. A fixed "
     "look-ahead cannot be searched far down: at 0.4 m and below it leaves some of the training paths.",

@@ -12,7 +12,7 @@ CLAIM = Claim(
         Printed("PPO", "2.93 mm", "README"),
     ),
     setting="P3DX, lagged actuators, ten smooth families of the split claims, a hundred paths each.",
-    differs=("Nothing: it is our setting. The claim is one for a controller, so the rival is the agent.",),
+    differs=("Nothing: it is our setting. The claim favours a controller, so that (b) is the trained agent.",),
     would_change="An agent by other rewards or more steps; `ilqr` reads the path, the agent a preview of a metre.",
     contest="path-following",
     families=CONTESTS["path-following"].scenes["smooth paths"],

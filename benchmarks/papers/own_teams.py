@@ -8,7 +8,9 @@ CLAIM = Claim(
     source="wayfield, README of commit 562e860, Who wins",
     printed=(Printed("team_scan", "95.4 %", "README"), Printed("dwa", "71.0 %", "README")),
     setting="Teams of omni3, lagged actuators, 72 beams, families without walls of up to 32 robots.",
-    differs=("Nothing: it is our setting. No gains of `dwa` were searched in teams.",),
+    differs=(
+        "Nothing: it is our setting. No gains of `dwa` were searched in teams, so that (b) is another controller.",
+    ),
     would_change="Other teams or robots: README said this until the gains of `vfh_plus` were searched in teams.",
     contest="teams",
     families=(),
