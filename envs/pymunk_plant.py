@@ -561,22 +561,22 @@ class Spaces(NamedTuple):
 
 @any_layout
 @compiled
-def drive_rows(params, base, states, obstacles, actions, grids, noise, skip, spaces, asked):
+def drive_rows(params, base, states, obstacles, actions, grids, noise, skip, spaces, moved):
     """Begins a control period, or goes on with it after pymunk; returns how many robots wait for pymunk (again).
 
     One kernel for both: most of it is the same, and takes some seconds to compile.
 
     Args:
-        asked: how many of `waiting` pymunk has moved; less than 0: the period begins, for all robots but those in
+        moved: how many of `waiting` pymunk has moved; less than 0: the period begins, for all robots but those in
             `skip`.
     """
     robots = Robots(params, states, obstacles, noise, grids)
     progress, bodies, hulls, waiting = spaces
     p = params[0]
     b = base[0]
-    begins = asked < 0
+    begins = moved < 0
     again = 0
-    for k in range(states.shape[0] if begins else asked):
+    for k in range(states.shape[0] if begins else moved):
         i = k if begins else waiting[k]
         s = states[i]
         m = progress[i]
@@ -687,28 +687,28 @@ class World:
         self, dt: float, i: int, hulls: NDArray[np.void], bodies: NDArray[np.void], obstacles: NDArray[np.void]
     ) -> None:
         """Moves everything by dt and resolves contacts; reads and writes the BODY records of robot i."""
-        asked = list(hulls[i].item())
+        motion = list(hulls[i].item())
         for j, _ in self.moving:
             vx, vy = bodies["vx"][i, j].item(), bodies["vy"][i, j].item()
             # like the hull: let it arrive where it is to be
-            asked += obstacles["x"][i, j].item() - dt * vx, obstacles["y"][i, j].item() - dt * vy, vx, vy
-        self._steps.extend(asked)
-        self._advance(dt, asked)
+            motion += obstacles["x"][i, j].item() - dt * vx, obstacles["y"][i, j].item() - dt * vy, vx, vy
+        self._steps.extend(motion)
+        self._advance(dt, motion)
         body = self.hull
         hulls[i] = (*body.position, body.angle if self.turns else 0.0, *body.velocity, body.angular_velocity)
         for j, loose in self.pushable:
             bodies[i, j] = (*loose.position, loose.angle, *loose.velocity, loose.angular_velocity)
 
-    def _advance(self, dt: float, asked: list[float]) -> None:
-        """Moves everything by dt: the hull and what a script moves as given in `asked`, the rest by its momentum."""
+    def _advance(self, dt: float, motion: list[float]) -> None:
+        """Moves everything by dt: the hull and what a script moves as given in `motion`, the rest by its momentum."""
         body = self.hull
-        x, y, angle, vx, vy, body.angular_velocity = asked[:6]
+        x, y, angle, vx, vy, body.angular_velocity = motion[:6]
         body.position = x, y
         if self.turns:
             body.angle = angle
         body.velocity = vx, vy
         for k, (_, scripted) in enumerate(self.moving):
-            x, y, vx, vy = asked[6 + 4 * k : 10 + 4 * k]
+            x, y, vx, vy = motion[6 + 4 * k : 10 + 4 * k]
             scripted.position = x, y
             scripted.velocity = vx, vy
         if self.grid is not None:
@@ -740,8 +740,8 @@ class World:
     def __setstate__(self, steps: "array.array[float]") -> None:
         substep = self._made_of[2]
         self._steps = steps
-        for asked in np.asarray(steps).reshape(-1, 6 + 4 * len(self.moving)).tolist():
-            self._advance(substep, asked)
+        for motion in np.asarray(steps).reshape(-1, 6 + 4 * len(self.moving)).tolist():
+            self._advance(substep, motion)
 
 
 def _shape(
@@ -792,7 +792,7 @@ class PymunkPlant:
         actions: NDArray[np.float64],
         noise: NDArray[np.float64],
         skip: NDArray[np.bool_],
-        asked: int,
+        moved: int,
     ) -> int:
         """Runs the compiled `drive_rows`."""
         task = self.task
@@ -812,11 +812,11 @@ class PymunkPlant:
                 noise,
                 skip,
                 spaces,
-                asked,
+                moved,
             )
             self._parts = states, params, robots, grids, spaces, code
         _, params, robots, grids, spaces, code = self._parts
-        waiting: int = code(params, self.base, robots, obstacles, actions, grids, noise, skip, spaces, asked)
+        waiting: int = code(params, self.base, robots, obstacles, actions, grids, noise, skip, spaces, moved)
         return waiting
 
     def reset(self, rows: NDArray[np.int64], states: NDArray[np.void], obstacles: NDArray[np.void]) -> None:
@@ -837,9 +837,9 @@ class PymunkPlant:
     ) -> None:
         """Moves every robot that is not in `skip` by one control period."""
         counts = self.task.obstacle_counts(states)
-        asked = self._drive_rows(states, obstacles, actions, noise, skip, -1)
-        while asked:
-            for i in self.waiting[:asked].tolist():
+        count = self._drive_rows(states, obstacles, actions, noise, skip, -1)
+        while count:
+            for i in self.waiting[:count].tolist():
                 world = self.worlds[i]
                 if world is None:
                     # nothing has been pushed yet, so obstacles are where the reset put them
@@ -850,4 +850,4 @@ class PymunkPlant:
                         getattr(self.task.scenarios[states[i]["scenario"]], "grid", None),
                     )
                 world.step(self.substep, i, self.hulls, self.bodies, obstacles)
-            asked = self._drive_rows(states, obstacles, actions, noise, skip, asked)
+            count = self._drive_rows(states, obstacles, actions, noise, skip, count)

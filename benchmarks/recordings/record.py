@@ -244,13 +244,13 @@ def main(
     dataset: str | None,
     mcap: Path | None,
     force: bool,
-    **asked: Any,
+    **options: Any,
 ) -> None:
     """Records episodes of policies as a Minari data set."""
     for name in names:
         Choice("POLICY", policies.POLICIES).convert(name, None, None)
     contest = CONTESTS[suite] if suite else _contest_of(names, families)
-    conditions = Conditions(**asked)
+    conditions = Conditions(**options)
     if not 0.0 <= conditions.exploration <= 10.0:  # NaN is neither
         raise click.UsageError(f"--exploration {conditions.exploration} must be from 0 to 10")
     known = contest.families(conditions.dynamics, contest.spec.families if families else None)

@@ -145,13 +145,13 @@ def _gather_episodes(folder: Path, rows: Sequence[Row], content: Content) -> Non
             continue
         if key not in index:
             index[key] = len(content.worlds)
-            content.worlds.append(worlds[key] | _asked(row))
+            content.worlds.append(worlds[key] | _rule_speed(row))
         hull = {"hull": hulls[k]} if hulls and row["robot"] not in ROBOTS else {}
         content.episodes.append(_episode(row, index[key]) | hull)
         content.drives.append(drives.get(k))
 
 
-def _asked(row: Row) -> dict[str, float]:
+def _rule_speed(row: Row) -> dict[str, float]:
     """Returns the speed (m/s) that the rules of an episode's contest ask all policies for; {} where none do."""
     contest = ALL_CONTESTS.get(row.get("contest", ""))
     return {"speed": contest.rules.speed} if contest and contest.rules else {}
@@ -209,15 +209,15 @@ def commit(module: str = wayfield.__file__) -> str:
     file = Path(module).resolve()
     home = file.parents[1]
 
-    def told(*words: str) -> str:
+    def git(*words: str) -> str:
         return subprocess.run(["git", *words], cwd=home, check=True, capture_output=True, text=True).stdout.strip()
 
     own = f"{file.parent.name}/{file.name}"  # from the top of the repository
     try:
-        if told("ls-files", "--full-name", "--", own) != own:
+        if git("ls-files", "--full-name", "--", own) != own:
             return ""
-        changed = told("status", "--porcelain", "--", file.parent.name, *ROOMS)
-        return told("describe", "--always", "--tags") + ("-dirty" if changed else "")
+        changed = git("status", "--porcelain", "--", file.parent.name, *ROOMS)
+        return git("describe", "--always", "--tags") + ("-dirty" if changed else "")
     except (OSError, subprocess.CalledProcessError):
         return ""
 

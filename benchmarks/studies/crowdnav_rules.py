@@ -87,9 +87,9 @@ def by_network(file: str, crowd: Array) -> Drive:
         bodies[:, :, :2] -= places[:, None]
         order = np.linalg.norm(bodies[:, :, :2], axis=2).argsort(axis=1)
         seen = np.take_along_axis(bodies, order[:, :, None], axis=1)
-        told = SimpleNamespace(pose=np.zeros((len(on), 3)), goal=np.array(GOAL) - places, bodies=seen)
+        observation = SimpleNamespace(pose=np.zeros((len(on), 3)), goal=np.array(GOAL) - places, bodies=seen)
         parts = np.split(np.arange(len(on)), range(AT_ONCE, len(on), AT_ONCE))
-        return np.concatenate([law.decided(told, part, crowd.shape[2], RADIUS) for part in parts])
+        return np.concatenate([law.decided(observation, part, crowd.shape[2], RADIUS) for part in parts])
 
     return drive
 

@@ -59,17 +59,17 @@ def adapter(kernel: Any, names: Sequence[Leaf], values: tuple[Any, ...]) -> tupl
         shape = ", ".join(f"a{k + 1 + j}" for j in range(value.ndim))
         return f"carray(a{k}, ({shape},))"
 
-    asked = []
+    passed = []
     left = list(names)
     for value in values:
         if isinstance(value, tuple):
             parts = [taken(*left.pop(0)) for _ in value]
             room[type(value).__name__] = type(value)
-            asked.append(f"{type(value).__name__}({', '.join(parts)})")
+            passed.append(f"{type(value).__name__}({', '.join(parts)})")
         else:
-            asked.append(taken(*left.pop(0)))
+            passed.append(taken(*left.pop(0)))
     arguments = ", ".join(f"a{k}" for k in range(len(kinds)))
-    exec(f"def entry({arguments}):\n    kernel({', '.join(asked)})\n", room)
+    exec(f"def entry({arguments}):\n    kernel({', '.join(passed)})\n", room)
     return numba.cfunc(types.void(*kinds), error_model="numpy")(room["entry"]), order
 
 

@@ -117,13 +117,13 @@ def off_path(params: Any, course: Any, motion: Any, looked: Any) -> None:
 
 @allocating
 def forces(
-    params: Any, told: Any, poses: Any, goals: Any, waypoints_left: Any, memory: Any, places: Any, looked: Any
+    params: Any, map_: Any, poses: Any, goals: Any, waypoints_left: Any, memory: Any, places: Any, looked: Any
 ) -> None:
     """Fills the forces (GRID, 2) of `CorrectedField` at places (GRID, 2), m, around the robot."""
     p = params[0]
-    here = np.zeros((1, told.obstacles.shape[1] + 1), told.obstacles.dtype)
+    here = np.zeros((1, map_.obstacles.shape[1] + 1), map_.obstacles.dtype)
     m = memory[0]
-    count = around(p, told, poses, memory, 0, here)
+    count = around(p, map_, poses, memory, 0, here)
     sine, cosine = sin_cos(poses[0, 2])
     goal_x = poses[0, 0] + cosine * goals[0, 0] - sine * goals[0, 1]
     goal_y = poses[0, 1] + sine * goals[0, 0] + cosine * goals[0, 1]
@@ -218,17 +218,17 @@ def arcs(params: Any, scan: Any, seen: Any, memory: Any, looked: Any) -> None:
 
 
 @allocating
-def half_planes(params: Any, told: Any, seen: Any, memory: Any, looked: Any) -> None:
+def half_planes(params: Any, map_: Any, seen: Any, memory: Any, looked: Any) -> None:
     """Fills the half-planes (LINES, 4) of `Orca` that cut velocities off: n (world frame), bound (m/s), 1 if it stands.
 
     NaN beyond them. In two rows more: the wanted velocity and the nearest that keeps them; the greatest speed, m/s.
     """
     p = params[0]
     m = memory[0]
-    lines = np.empty((orca.most_lines(told), 3))
-    total, hard = orca.fill_lines(p, told, seen.poses, seen.twists, 0, m.steps * p.plant.dt, lines, np.empty(1))
+    lines = np.empty((orca.most_lines(map_), 3))
+    total, hard = orca.fill_lines(p, map_, seen.poses, seen.twists, 0, m.steps * p.plant.dt, lines, np.empty(1))
     note_lines(lines, total, hard, p.max_speed, looked)
-    wanted_x, wanted_y = orca.wanted(p, m, told, seen, 0)
+    wanted_x, wanted_y = orca.wanted(p, m, map_, seen, 0)
     looked[LINES, 0] = wanted_x
     looked[LINES, 1] = wanted_y
     looked[LINES, 2], looked[LINES, 3] = best_velocity(
@@ -250,7 +250,7 @@ def orca_of_team(
 def orca_of_team_map(
     params: Any,
     planner: Any,
-    told: Any,
+    map_: Any,
     measured: Any,
     poses: Any,
     goals: Any,
@@ -263,7 +263,7 @@ def orca_of_team_map(
 ) -> None:
     """Fills the (1, t) twists of `OrcaTeamMap`, which plans a way before it decides as `OrcaTeam` does."""
     targets = np.empty((1, 2))
-    orca_team_map.find_targets(planner, told, poses, goals, waypoints_left, memory, targets)
+    orca_team_map.find_targets(planner, map_, poses, goals, waypoints_left, memory, targets)
     orca_of_team(params, measured, poses, targets, bodies, ranges, beams, memory, out)
 
 

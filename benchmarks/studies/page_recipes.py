@@ -128,10 +128,10 @@ ROOMS = ("paths", "poses", "scans", "teams", "learned", "trained")  # of the mod
 
 # What an argument of a law is, by its name; all else is a constant.
 ROLES = {
-    "course.vertices": "told.vertices",
-    "course.runs": "told.runs",
-    "course.path_index": "told.path_index",
-    "rough": "told.rough",
+    "course.vertices": "briefing.vertices",
+    "course.runs": "briefing.runs",
+    "course.path_index": "briefing.path_index",
+    "rough": "briefing.rough",
     "motion.poses": "seen.pose",
     "motion.twists": "seen.twist",
     "motion.arc_lengths": "seen.arc_length",
@@ -158,12 +158,12 @@ ROLES = {
     "measured": "seen.twist3",
     "bodies": "seen.bodies",
     "wanted": "out",
-    "told.obstacles": "told.obstacles",
-    "told.counts": "told.num_obstacles",
-    "told.goals": "told.goals",
-    "told.num_goals": "told.num_goals",
-    "told.frames": "told.frames",
-    "told.cells": "told.cells",
+    "map_.obstacles": "briefing.obstacles",
+    "map_.counts": "briefing.num_obstacles",
+    "map_.goals": "briefing.goals",
+    "map_.num_goals": "briefing.num_goals",
+    "map_.frames": "briefing.frames",
+    "map_.cells": "briefing.cells",
     "memory": "memory",
     "plans": "memory",
     "damping": "memory",
@@ -291,7 +291,7 @@ JOINED: Mapping[str, tuple[Any, tuple[tuple[str, str, Mapping[str, str]], ...]]]
     ),
     "reeds_shepp_scan": (
         dock_by_scan,
-        (("reeds_shepp_scan", "lay_hits", {}), ("reeds_shepp_scan", "drive", {"told": "laid", "poses": ""})),
+        (("reeds_shepp_scan", "lay_hits", {}), ("reeds_shepp_scan", "drive", {"map_": "laid", "poses": ""})),
     ),
 }
 
@@ -430,8 +430,8 @@ def recipe(
     """
     module, function, out, kind = decisions(task)[name]
     policy: Any = make(name, **gains)
-    kernel, asked = first_of(task, name, policy, env)
-    handed = dict(leaves(names_of(kernel), asked))
+    kernel, given = first_of(task, name, policy, env)
+    handed = dict(leaves(names_of(kernel), given))
     arguments = [_argument(each, value, blobs) for each, value in handed.items()]
     memory = handed.get("memory")
     fields = (memory.dtype.fields if memory is not None else None) or {}
@@ -462,17 +462,17 @@ def recipe(
 def of_sheet(name: str, policy: Any, arguments: Mapping[str, Any]) -> dict[str, Any]:
     """Returns where a law's record holds numbers of the base, so that the page can put in those of another one."""
     fields = arguments["params"].dtype.fields
-    told = []
+    numbers = []
     for field, (kind, source) in OF_SHEETS[name].items():
         number = getattr(policy, source, None) if kind not in ("decay", "mean") else arguments["params"][0][source]
-        told.append([int(fields[field][1]), kind, float(number or 0.0)])
-    return {"plant": int(fields["plant"][1]), "fields": told}
+        numbers.append([int(fields[field][1]), kind, float(number or 0.0)])
+    return {"plant": int(fields["plant"][1]), "fields": numbers}
 
 
 def look_table(module: str, look: Look) -> dict[str, Any]:
     """Returns how the page calls what finds the numbers of a law's overlay."""
-    told = {"kind": look.kind, "title": look.title, "shape": list(look.shape), "places": look.places}
-    return told | {"export": look_export(module, look)}
+    table = {"kind": look.kind, "title": look.title, "shape": list(look.shape), "places": look.places}
+    return table | {"export": look_export(module, look)}
 
 
 def handed_to_look(look: Look, kernel: Any, values: tuple[Any, ...], places: NDArray[Any]) -> tuple[Any, ...]:
@@ -590,7 +590,7 @@ def _held(
 
 def _made(task: str, name: str, field: str, env: NativeVectorEnv) -> set[int]:
     """Returns the bytes of a law's record that the page fills by itself once a gain has another value."""
-    made = [each for each, told in OF_SHEETS.get(name, {}).items() if told == ("share_yaw", field)]
+    made = [each for each, source in OF_SHEETS.get(name, {}).items() if source == ("share_yaw", field)]
     if not made:
         return set()
     kernel, values = first_of(task, name, make(name), env)
@@ -675,10 +675,10 @@ def _argument(name: str, value: Any, blobs: Blobs) -> dict[str, Any]:
     role = ROLES.get(name, "constant")
     if not isinstance(value, np.ndarray):
         return {"name": name, "role": "number", "value": float(value)}
-    told: dict[str, Any] = {"name": name, "role": role, "shape": list(value.shape), "size": value.dtype.itemsize}
+    entry: dict[str, Any] = {"name": name, "role": role, "shape": list(value.shape), "size": value.dtype.itemsize}
     if role in ("constant", "memory"):
-        told["blob"] = blobs.put(value)
-    return told
+        entry["blob"] = blobs.put(value)
+    return entry
 
 
 def agent_calls(task: str, pilot: Pilot, env: NativeVectorEnv) -> list[tuple[Any, Any]]:
@@ -732,7 +732,7 @@ def network_recipe(
     perception = agent.perception(pilot.briefing)
     features: Any = perception.features  # of a kind that its task says
     actions = perception.actions
-    told: dict[str, Any] = {
+    table: dict[str, Any] = {
         "make": {"name": name, "gains": gains},
         "network": True,
         "knows": policy.knows,
@@ -766,20 +766,20 @@ def network_recipe(
     }
     for function, call in calls.items():
         if "scales" in call:
-            told[f"{function}_scales"] = np.asarray(call["scales"]).tolist()
+            table[f"{function}_scales"] = np.asarray(call["scales"]).tolist()
     if "fill_trails" in calls:
-        told["shares"] = calls["fill_trails"]["shares"].tolist()
+        table["shares"] = calls["fill_trails"]["shares"].tolist()
     if "fill_goal" in calls:
         goal = calls["fill_goal"]
-        told |= {"max_range": float(goal["max_range"]), "pool": int(goal["pool"]), "ahead": bool(goal["ahead"])}
+        table |= {"max_range": float(goal["max_range"]), "pool": int(goal["pool"]), "ahead": bool(goal["ahead"])}
     if agent.keeps_pace:
         most = max(agent.card["trained_on"]["speeds"])
-        told["pace"] = {"time": agent.pace_time, "most": most, "dt": pilot.briefing.dt}
+        table["pace"] = {"time": agent.pace_time, "most": most, "dt": pilot.briefing.dt}
     if features.posed:
-        told |= {"posed": features.posed, "rest": features.rest, "rest_turn": features.rest_turn}
+        table |= {"posed": features.posed, "rest": features.rest, "rest_turn": features.rest_turn}
     if "fill_bodies" in calls:
         bodies = calls["fill_bodies"]
-        told |= {"bodied": bodies["out"].shape[1], "bodies": int(bodies["count"]), "fronted": bool(bodies["fronted"])}
+        table |= {"bodied": bodies["out"].shape[1], "bodies": int(bodies["count"]), "fronted": bool(bodies["fronted"])}
     parts = {
         name_of(kernel): part_of(kernel, values, blobs)
         for kernel, values in noted_calls
@@ -789,19 +789,19 @@ def network_recipe(
         if agent.actions.kind != "planar":
             raise NotImplementedError(f"{name}: the page adds planar actions alone to a base, not unicycle ones")
         laws = {each: parts[each] | {"speed": place_of_speed(calls[each]["params"])} for each in ("want", "avoid")}
-        told["base"] = {"guards": agent.base.guards, "reach": agent.base.reach} | laws
+        table["base"] = {"guards": agent.base.guards, "reach": agent.base.reach} | laws
     if shielded_from(agent, pilot.briefing):
-        told["shield"] = {"from": shielded_from(agent, pilot.briefing)} | parts["filter_twists"]
+        table["shield"] = {"from": shielded_from(agent, pilot.briefing)} | parts["filter_twists"]
     if isinstance(features, RobotFeatures):
-        told |= of_any_robot(features)
+        table |= of_any_robot(features)
     if "decide" in parts:
-        told |= planned(pilot, env, agent.speed, parts["decide"], calls["decide"]["memory"].dtype, blobs)
+        table |= planned(pilot, env, agent.speed, parts["decide"], calls["decide"]["memory"].dtype, blobs)
     if "guard" in calls:
-        told["guard"] = np.asarray(calls["guard"]["law"]).tolist()
+        table["guard"] = np.asarray(calls["guard"]["law"]).tolist()
     if "hold" in calls:
         # JSON has no infinity: a limit that nothing reaches serves as well
-        told["hold"] = np.minimum(calls["hold"]["law"], _UNREACHED).tolist()
-        told["matrix"] = np.asarray(calls["hold"]["matrix"]).tolist()
+        table["hold"] = np.minimum(calls["hold"]["law"], _UNREACHED).tolist()
+        table["matrix"] = np.asarray(calls["hold"]["matrix"]).tolist()
     sliders: dict[str, Any] = {"gains": [], "fixed": list(gains_of(policy))}
     speeds = agent.card["trained_on"].get("speeds", [agent.speed])
     low, high = min(speeds), max(speeds)
@@ -816,8 +816,8 @@ def network_recipe(
         sliders["gains"].append(speed | {"low": low, "high": high, "whole": False})
         sliders["fixed"].remove("speed")
     # a base slower than those it knows is driven more slowly by a law of its own
-    known = told["speed"] == agent.speed and bool(sliders["gains"])
-    return told | {"gains": {"speed": agent.speed} if known else {}, "cruise": "speed" if known else None}, sliders
+    known = table["speed"] == agent.speed and bool(sliders["gains"])
+    return table | {"gains": {"speed": agent.speed} if known else {}, "cruise": "speed" if known else None}, sliders
 
 
 def part_of(kernel: Any, values: Sequence[Any], blobs: Blobs) -> dict[str, Any]:
@@ -850,14 +850,14 @@ def planned(
     """
     policy: Any = pilot.policy
     fields = layout(state)["fields"]
-    told = {
+    table = {
         "planner": decide | {"out": "memory", "offset": fields["command"][0]},
         "lead": policy.ahead,
         "look": look_table("scan_planner", LOOKS_TO_POSES["scan_planner"]),
     }
     if isinstance(policy, AnyRobot):
         ((kernel, values),) = shield_calls(BEHIND_PLANNER, pilot, env.reset(seed=0)[0])
-        told["alone"] = {
+        table["alone"] = {
             "patience": policy.patience * max(1.0, PACE / speed),
             "dt": pilot.briefing.dt,
             "way": WAY,
@@ -866,7 +866,7 @@ def planned(
             "fields": {name: fields[name] for name in ("num_points", "segment", "arc", "older_age")},
             "behind": part_of(kernel, values, blobs),
         }
-    return told
+    return table
 
 
 def place_of_speed(params: NDArray[Any]) -> int:
@@ -903,41 +903,41 @@ def task_tables(task: str, blobs: Blobs) -> dict[str, Any]:
     """Returns what the page needs to step a task: layouts, and the constants of each robot, tier and disturbance."""
     contest = contest_of(task)
     scenario = f"{contest.timed_on}/test"
-    told: dict[str, Any] = {"kind": contest.spec.kind, "steps": contest.spec.clock, "params": {}, "robots": {}}
+    table: dict[str, Any] = {"kind": contest.spec.kind, "steps": contest.spec.clock, "params": {}, "robots": {}}
     for robot in fitting(task):
         for actuators in ACTUATORS:
             for disturbance in DISTURBANCES:
                 env = environment(task, robot, actuators, scenario, disturbance)
-                told["params"][f"{robot} {actuators} {disturbance}"] = blobs.put(env.task.params)
+                table["params"][f"{robot} {actuators} {disturbance}"] = blobs.put(env.task.params)
         axes = list(env.task.robot.twist_axes)
         fields = [[field.name, list(field.shape)] for field in env.task.layout.fields]
-        told["robots"][robot] = {
+        table["robots"][robot] = {
             "axes": axes,
             "size": env.task.layout.size,
             "fields": fields,
             "max_twist": env.task.robot.max_twist.tolist(),
             "hull": env.task.robot.hull_radius,
         }
-    told["ids"] = {robot: contest.env_id(robot) for robot in fitting(task)}
+    table["ids"] = {robot: contest.env_id(robot) for robot in fitting(task)}
     # whether people see the robot is said by each of them
-    told["kwargs"] = {name: each for name, each in contest.env_kwargs.items() if name != "visible"}
+    table["kwargs"] = {name: each for name, each in contest.env_kwargs.items() if name != "visible"}
     kind = contest.spec.scenario
-    told["scenario"] = [
+    table["scenario"] = [
         "wayfield.envs.scenarios" if hasattr(scenarios, kind.__name__) else kind.__module__,
         kind.__name__,
     ]
-    told["rows"] = rows_of(env)
-    told["sheet"] = layout(env.task.params.dtype)["fields"]
-    told["state"] = layout(env.task.state_dtype)
-    told["course"] = layout(env.task.world.courses.dtype)
-    told["numbers"] = [*env.task.info_names, "reward"]
-    told["flags"] = [*env.task.flag_names, "ended"]
-    told["draws"] = env.task.draws
-    told["beams"] = env.task.num_beams
-    told["directions"] = blobs.put(env.task.world.beams) if env.task.num_beams else None
-    told["tracks"] = env.task.noise_columns
-    told["late"] = None if task in CROWDS else late_table(task, blobs)
-    return told
+    table["rows"] = rows_of(env)
+    table["sheet"] = layout(env.task.params.dtype)["fields"]
+    table["state"] = layout(env.task.state_dtype)
+    table["course"] = layout(env.task.world.courses.dtype)
+    table["numbers"] = [*env.task.info_names, "reward"]
+    table["flags"] = [*env.task.flag_names, "ended"]
+    table["draws"] = env.task.draws
+    table["beams"] = env.task.num_beams
+    table["directions"] = blobs.put(env.task.world.beams) if env.task.num_beams else None
+    table["tracks"] = env.task.noise_columns
+    table["late"] = None if task in CROWDS else late_table(task, blobs)
+    return table
 
 
 def disturbance_tables() -> dict[str, Any]:
@@ -957,7 +957,7 @@ def tables(robots: Sequence[str] = (), tiers: Sequence[str] = ()) -> dict[str, A
         tiers: of actuators, that policies are prepared for; all where none is named.
     """
     blobs = Blobs()
-    told: dict[str, Any] = {
+    content: dict[str, Any] = {
         "tasks": {},
         "pilots": {},
         "sliders": {},
@@ -977,7 +977,7 @@ def tables(robots: Sequence[str] = (), tiers: Sequence[str] = ()) -> dict[str, A
         "records": {name: layout(each) for name, each in _RECORDS.items()},
     }
     for task in IN_PAGE:
-        told["tasks"][task] = task_tables(task, blobs)
+        content["tasks"][task] = task_tables(task, blobs)
         contest = contest_of(task)
         for robot in (each for each in robots or ROBOTS if each in fitting(task)):
             for actuators in tiers or ACTUATORS:
@@ -985,22 +985,22 @@ def tables(robots: Sequence[str] = (), tiers: Sequence[str] = ()) -> dict[str, A
                 for name in decisions(task):
                     if lacks(make(name), ROBOTS[robot]):
                         continue
-                    if f"{task} {name}" not in told["sliders"]:
-                        told["sliders"][f"{task} {name}"] = sliders_of(task, name, env)
+                    if f"{task} {name}" not in content["sliders"]:
+                        content["sliders"][f"{task} {name}"] = sliders_of(task, name, env)
                     sets = list(contest.gain_sets(name, robot, ("default", "tuned", "paper"))) or [("default", {})]
                     limits = gain_limits(task, name, env)
                     for gains_name, gains in sets:
                         label = name if gains_name == "default" else f"{name} ({gains_name})"
                         key = f"{task} {robot} {actuators} {label}"
-                        told["pilots"][key] = recipe(task, name, gains, limits, env, blobs)
-                        told["pilots"][key]["cruise"] = None if gains_name in FOUND else cruise_of(name, gains)
+                        content["pilots"][key] = recipe(task, name, gains, limits, env, blobs)
+                        content["pilots"][key]["cruise"] = None if gains_name in FOUND else cruise_of(name, gains)
                 for name in agents(task):
                     for label in agent_labels(task, name, robot):
                         key = f"{task} {robot} {actuators} {label}"
-                        told["pilots"][key], sliders = network_recipe(task, name, 0, env, blobs)
-                        told["sliders"][f"{task} {name}"] = sliders
-    told["blobs"] = blobs.listed()
-    return told
+                        content["pilots"][key], sliders = network_recipe(task, name, 0, env, blobs)
+                        content["sliders"][f"{task} {name}"] = sliders
+    content["blobs"] = blobs.listed()
+    return content
 
 
 BASE = "p3dx"  # whose records those of a differential data sheet are made from, in the page

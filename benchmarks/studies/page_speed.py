@@ -52,9 +52,9 @@ def in_webassembly(world: World) -> dict[str, float]:
     """Returns the same under Node."""
     home = resources.files("wayfield.benchmarks.report") / "page"
     conditions = {"world": world, "robot": ROBOT, "actuators": TIER, "calls": CALLS, "rounds": ROUNDS}
-    asked = json.dumps([conditions | {"policy": name} for name in LAWS])
+    query = json.dumps([conditions | {"policy": name} for name in LAWS])
     command = ["node", str(home / "speed.js"), str(home)]
-    run = subprocess.run(command, input=asked, capture_output=True, text=True, check=True)
+    run = subprocess.run(command, input=query, capture_output=True, text=True, check=True)
     found: dict[str, float] = json.loads(run.stdout)
     return found
 
@@ -80,7 +80,7 @@ def in_chromium(chromium: str, page: Path) -> dict[str, list[float]]:
             if len(found["ready"]) < LOADS:
                 tab.close()
         for name, overlay in (("MPPI", "false"), ("MPPI and its rollouts", "true")):
-            asked = f"""async () => {{
+            query = f"""async () => {{
                   drive.clear();
                   await drive.looks.turn({overlay});
                   drive.add({{ label: "mppi" }});
@@ -96,7 +96,7 @@ def in_chromium(chromium: str, page: Path) -> dict[str, list[float]]:
                   replay.toggle(false);
                   return spent.sort((a, b) => a - b);
                 }}"""
-            found[name] = min((tab.evaluate(asked) for _ in range(LOADS)), key=_most)
+            found[name] = min((tab.evaluate(query) for _ in range(LOADS)), key=_most)
         browser.close()
     return {name: sorted(map(float, each)) for name, each in found.items()}
 

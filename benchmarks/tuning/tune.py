@@ -709,7 +709,7 @@ def main(
     ship: bool,
     force: bool,
     count: int | None,
-    **asked: Any,
+    **options: Any,
 ) -> None:
     """Searches the gains of POLICY for a robot, a target speed and a level of disturbance, and writes them to a file.
 
@@ -735,9 +735,9 @@ def main(
     name = f"{policy}_{condition(robot.name, speed, level)}.json"
     file = folder_of(suite) / name if ship else Path(out or f"results/gains/{suite}/{name}")
     _check_file(file, force)
-    also, study = asked["also"], asked["study"]
-    asked |= {"started_from": tuple(map(_start, asked["started_from"])), "study": study or ""}
-    search = Search(policy, contest, robot, speed, level, **asked)
+    also, study = options["also"], options["study"]
+    options |= {"started_from": tuple(map(_start, options["started_from"])), "study": study or ""}
+    search = Search(policy, contest, robot, speed, level, **options)
     if level in also or len(set(also)) < len(also):
         raise click.UsageError(f"--also {also[-1]} names a level twice; {level} is driven in any case")
     search = dataclasses.replace(search, given=given_ranges(search, wider))

@@ -151,21 +151,21 @@ for _kind, _hint in _PROPERTIES.items():
 
 
 @offered()
-def read_custom_data_block(caller: "Caller", found: Object, key: Name) -> Any:
+def read_custom_data_block(caller: "Caller", scene_object: Object, key: Name) -> Any:
     """Returns a data block of an object, or no bytes."""
-    return found.data.get(key.removeprefix("@tmp."), b"")
+    return scene_object.data.get(key.removeprefix("@tmp."), b"")
 
 
 @offered("readCustomBufferData", "readCustomStringData")
-def read_custom_data(caller: "Caller", found: Object, key: Name) -> Any:
+def read_custom_data(caller: "Caller", scene_object: Object, key: Name) -> Any:
     """Returns a data block of an object, or null."""
-    return found.data.get(key.removeprefix("@tmp."), NULL)
+    return scene_object.data.get(key.removeprefix("@tmp."), NULL)
 
 
 @offered("writeCustomDataBlock", "writeCustomBufferData", "writeCustomStringData")
-def write_custom_data(caller: "Caller", found: Object, key: Name, value: bytes | None = None) -> None:
+def write_custom_data(caller: "Caller", scene_object: Object, key: Name, value: bytes | None = None) -> None:
     """Writes a data block of an object; null or no bytes remove it."""
-    put(caller, found.handle, found.data, key.removeprefix("@tmp."), value or None)
+    put(caller, scene_object.handle, scene_object.data, key.removeprefix("@tmp."), value or None)
 
 
 # Drawing objects.

@@ -66,7 +66,7 @@ MIN_SIZE, MAX_SIZE = 1e-4, 1e4  # m, of a shape
 # Finding.
 
 
-def _found(caller: "Caller", path: str, given: Options, old: bool) -> int:
+def _handle_of(caller: "Caller", path: str, given: Options, old: bool) -> int:
     scene = caller.world.scene
     try:
         index = integer(caller, given.get("index") or 0)
@@ -97,65 +97,65 @@ def _found(caller: "Caller", path: str, given: Options, old: bool) -> int:
 @offered()
 def get_object(caller: "Caller", path: str, given: Options = NO_OPTIONS) -> int:
     """Returns the handle of the object at a path."""
-    return _found(caller, path, given, old=False)
+    return _handle_of(caller, path, given, old=False)
 
 
 @offered()
 def get_object_handle(caller: "Caller", path: str, given: Options = NO_OPTIONS) -> int:
     """Returns the handle of the object at a path, or of a name from before CoppeliaSim 4.2."""
-    return _found(caller, path, given, old=True)
+    return _handle_of(caller, path, given, old=True)
 
 
 @offered("getObjectAlias", "getObjectName")
-def get_object_alias(caller: "Caller", found: Object, option: int = -1) -> str:
+def get_object_alias(caller: "Caller", scene_object: Object, option: int = -1) -> str:
     """Returns the alias of an object, or its path."""
     scene = caller.world.scene
     if option == 0:
-        return scene.indexed(found)
+        return scene.indexed(scene_object)
     if option in (1, 5):
-        return scene.short_path(found)
+        return scene.short_path(scene_object)
     if option == 2:
-        return scene.full_path(found)
-    return f"{found.alias}__{found.handle}__" if option == 4 else found.alias
+        return scene.full_path(scene_object)
+    return f"{scene_object.alias}__{scene_object.handle}__" if option == 4 else scene_object.alias
 
 
 @offered()
-def set_object_alias(caller: "Caller", found: Object, alias: str) -> None:
+def set_object_alias(caller: "Caller", scene_object: Object, alias: str) -> None:
     """Sets the alias of an object."""
-    _refuse_part(found, "its name is fixed")
+    _refuse_part(scene_object, "its name is fixed")
     if not 0 < len(alias) <= MAX_ALIAS or not all(c.isalnum() or c in "_- ." for c in alias):
         raise CallError(WRONG_TYPE, f"an alias is 1 to {MAX_ALIAS} letters, digits, '_', '-', '.' and blanks")
-    found.alias = alias
+    scene_object.alias = alias
 
 
 @offered()
-def get_object_parent(caller: "Caller", found: Object) -> int:
+def get_object_parent(caller: "Caller", scene_object: Object) -> int:
     """Returns the handle of an object's parent, or -1."""
-    return -1 if found.parent is None else found.parent.handle
+    return -1 if scene_object.parent is None else scene_object.parent.handle
 
 
 @offered()
-def get_object_child(caller: "Caller", found: Object, index: int) -> int:
+def get_object_child(caller: "Caller", scene_object: Object, index: int) -> int:
     """Returns the handle of an object's child, or -1."""
-    return found.children[index].handle if 0 <= index < len(found.children) else -1
+    return scene_object.children[index].handle if 0 <= index < len(scene_object.children) else -1
 
 
 @offered()
-def set_object_parent(caller: "Caller", found: Object, parent: int = HANDLE_WORLD, keep: bool = True) -> None:
+def set_object_parent(caller: "Caller", scene_object: Object, parent: int = HANDLE_WORLD, keep: bool = True) -> None:
     """Attaches an object to a parent; `keep` keeps its pose in the world, else its relative pose stays."""
-    _refuse_part(found, "its parent is fixed")
+    _refuse_part(scene_object, "its parent is fixed")
     to = None if parent == HANDLE_WORLD else node(caller, parent)
-    if found.footprint is not None:
+    if scene_object.footprint is not None:
         if to is not None:
             raise CallError("object is an obstacle.", "it stands on the floor; only the world can be its parent")
         return
     if to is not None:
-        if _below(to, found):
+        if _below(to, scene_object):
             raise CallError("object is its own parent.", "the new parent is below the object")
-        levels = sum(1 for _ in to.ancestors()) + 1 + _levels(found)
+        levels = sum(1 for _ in to.ancestors()) + 1 + _levels(scene_object)
         if levels > MAX_LEVELS:
             raise CallError("object cannot be attached.", f"the tree would have {levels} levels; {MAX_LEVELS} is most")
-    caller.world.scene.attach(found, to, keep)
+    caller.world.scene.attach(scene_object, to, keep)
 
 
 def _below(one: Object, other: Object) -> bool:
@@ -163,8 +163,8 @@ def _below(one: Object, other: Object) -> bool:
     return one is other or any(each is other for each in one.ancestors())
 
 
-def _levels(found: Object) -> int:
-    return 1 + max(map(_levels, found.children), default=0)
+def _levels(scene_object: Object) -> int:
+    return 1 + max(map(_levels, scene_object.children), default=0)
 
 
 @offered()
@@ -188,9 +188,9 @@ def get_objects(caller: "Caller", index: int, kind: int = HANDLE_ALL) -> int:
 
 
 @offered()
-def get_object_type(caller: "Caller", found: Object) -> int:
+def get_object_type(caller: "Caller", scene_object: Object) -> int:
     """Returns the type of an object."""
-    return found.kind
+    return scene_object.kind
 
 
 @offered()
@@ -202,30 +202,30 @@ def is_handle(caller: "Caller", handle: int) -> bool:
 # Poses. `to` is the handle of the reference frame.
 
 
-def _frame(caller: "Caller", found: Object, to: int) -> Pose:
+def _frame(caller: "Caller", scene_object: Object, to: int) -> Pose:
     """Returns the reference frame of an object's relative pose, in the world."""
     if to == HANDLE_PARENT:
-        return caller.world.scene.frame(found.parent)
+        return caller.world.scene.frame(scene_object.parent)
     other = node(caller, to)
     return caller.world.scene.pose(other) if to & JOINT_BASE_FLAG else caller.world.scene.frame(other)
 
 
-def _relative_pose(caller: "Caller", found: Object, to: int) -> Pose:
+def _relative_pose(caller: "Caller", scene_object: Object, to: int) -> Pose:
     """Returns the pose of an object in a reference frame."""
-    pose = caller.world.scene.pose(found)
-    return pose if to == HANDLE_WORLD else frames.composed(frames.inverse(_frame(caller, found, to)), pose)
+    pose = caller.world.scene.pose(scene_object)
+    return pose if to == HANDLE_WORLD else frames.composed(frames.inverse(_frame(caller, scene_object, to)), pose)
 
 
 @offered()
-def get_object_position(caller: "Caller", found: Object, to: int = HANDLE_WORLD) -> list[float]:
+def get_object_position(caller: "Caller", scene_object: Object, to: int = HANDLE_WORLD) -> list[float]:
     """Returns the position of an object, m."""
-    return list(_relative_pose(caller, found, to)[:3])
+    return list(_relative_pose(caller, scene_object, to)[:3])
 
 
 @offered()
-def get_object_orientation(caller: "Caller", found: Object, to: int = HANDLE_WORLD) -> list[float]:
+def get_object_orientation(caller: "Caller", scene_object: Object, to: int = HANDLE_WORLD) -> list[float]:
     """Returns the Euler angles of an object, rad."""
-    return list(frames.euler_from_quaternion(_relative_pose(caller, found, to)[3:]))
+    return list(frames.euler_from_quaternion(_relative_pose(caller, scene_object, to)[3:]))
 
 
 @offered()
@@ -243,14 +243,14 @@ def get_object_pose(caller: "Caller", which: Flagged, to: int = HANDLE_WORLD) ->
 
 
 @offered()
-def get_object_matrix(caller: "Caller", found: Object, to: int = HANDLE_WORLD) -> list[float]:
+def get_object_matrix(caller: "Caller", scene_object: Object, to: int = HANDLE_WORLD) -> list[float]:
     """Returns the matrix of an object."""
-    return frames.matrix_of(_relative_pose(caller, found, to))
+    return frames.matrix_of(_relative_pose(caller, scene_object, to))
 
 
-def _refuse_part(found: Object, why: str) -> None:
-    if found.part:
-        raise CallError("object is a part of the robot.", f"{found.alias}: {why}")
+def _refuse_part(scene_object: Object, why: str) -> None:
+    if scene_object.part:
+        raise CallError("object is a part of the robot.", f"{scene_object.alias}: {why}")
 
 
 def _pose(place: Sequence[float], turn: Sequence[float]) -> Pose:
@@ -267,19 +267,19 @@ def _pose_of_matrix(values: Sequence[float]) -> Pose:
         raise CallError(WRONG_TYPE, str(error)) from None
 
 
-def _move(caller: "Caller", found: Object, to: int, place: Sequence[float], turn: Sequence[float]) -> None:
+def _move(caller: "Caller", scene_object: Object, to: int, place: Sequence[float], turn: Sequence[float]) -> None:
     """Moves an object to a position and a quaternion in a reference frame."""
-    if found is not caller.world.scene.base:
-        _refuse_part(found, "its place on the robot is fixed; move the robot")
+    if scene_object is not caller.world.scene.base:
+        _refuse_part(scene_object, "its place on the robot is fixed; move the robot")
     pose = _pose(place, turn)
     if to != HANDLE_WORLD:
-        if to != HANDLE_PARENT and _below(node(caller, to), found):
+        if to != HANDLE_PARENT and _below(node(caller, to), scene_object):
             raise CallError(WRONG_TYPE, "an object cannot be placed relative to itself or to what is below it")
-        pose = frames.composed(_frame(caller, found, to), pose)
+        pose = frames.composed(_frame(caller, scene_object, to), pose)
     if max(map(abs, pose[:3])) > FARTHEST:
         raise CallError(WRONG_TYPE, f"the place is beyond {FARTHEST:g} m")
     # rounding must not pile up over a thousand poses
-    caller.world.move(found, _pose(pose[:3], pose[3:]))
+    caller.world.move(scene_object, _pose(pose[:3], pose[3:]))
 
 
 def _either_order(caller: "Caller", first: Any, second: Any, count: int) -> tuple[list[float], int]:
@@ -290,17 +290,23 @@ def _either_order(caller: "Caller", first: Any, second: Any, count: int) -> tupl
 
 
 @offered()
-def set_object_position(caller: "Caller", found: Object, first: Any, second: Any = None) -> None:
+def set_object_position(caller: "Caller", scene_object: Object, first: Any, second: Any = None) -> None:
     """Sets the position of an object; its orientation stays."""
     place, to = _either_order(caller, first, second, 3)
-    _move(caller, found, to, place, _relative_pose(caller, found, to)[3:])
+    _move(caller, scene_object, to, place, _relative_pose(caller, scene_object, to)[3:])
 
 
 @offered()
-def set_object_orientation(caller: "Caller", found: Object, first: Any, second: Any = None) -> None:
+def set_object_orientation(caller: "Caller", scene_object: Object, first: Any, second: Any = None) -> None:
     """Sets the Euler angles of an object; its position stays."""
     (alpha, beta, gamma), to = _either_order(caller, first, second, 3)
-    _move(caller, found, to, _relative_pose(caller, found, to)[:3], frames.quaternion_from_euler(alpha, beta, gamma))
+    _move(
+        caller,
+        scene_object,
+        to,
+        _relative_pose(caller, scene_object, to)[:3],
+        frames.quaternion_from_euler(alpha, beta, gamma),
+    )
 
 
 @offered()
@@ -321,17 +327,17 @@ def set_object_pose(caller: "Caller", which: Flagged, first: Any, second: Any = 
 
 
 @offered()
-def set_object_matrix(caller: "Caller", found: Object, first: Any, second: Any = None) -> None:
+def set_object_matrix(caller: "Caller", scene_object: Object, first: Any, second: Any = None) -> None:
     """Sets the matrix of an object."""
     values, to = _either_order(caller, first, second, 12)
     pose = _pose_of_matrix(values)
-    _move(caller, found, to, pose[:3], pose[3:])
+    _move(caller, scene_object, to, pose[:3], pose[3:])
 
 
 @offered("getObjectVelocity", "getVelocity")
-def get_object_velocity(caller: "Caller", found: Object) -> tuple[list[float], list[float]]:
+def get_object_velocity(caller: "Caller", scene_object: Object) -> tuple[list[float], list[float]]:
     """Returns the linear (m/s) and the angular (rad/s) velocity of an object's origin, in the world."""
-    linear, angular = caller.world.velocity(found)
+    linear, angular = caller.world.velocity(scene_object)
     return list(linear), list(angular)
 
 
@@ -360,52 +366,52 @@ def multiply_vector(caller: "Caller", values: list[float], vector: Vector) -> li
 
 
 @offered()
-def set_joint_target_velocity(caller: "Caller", found: Wheel, velocity: float, params: Any = None) -> int:
+def set_joint_target_velocity(caller: "Caller", wheel: Wheel, velocity: float, params: Any = None) -> int:
     """Sets the target speed of a wheel, rad/s."""
     world = caller.world
     if velocity != 0.0 and world.state == STOPPED and not world.set_while_stopped:
         world.set_while_stopped = True
         caller.server.log("wheels", "set while stopped; they turn after sim.startSimulation (or serve with --start)")
-    world.targets[found.wheel] = min(max(velocity, -MAX_WHEEL_TARGET), MAX_WHEEL_TARGET)
+    world.targets[wheel.wheel] = min(max(velocity, -MAX_WHEEL_TARGET), MAX_WHEEL_TARGET)
     return 1
 
 
 @offered()
-def get_joint_target_velocity(caller: "Caller", found: Joint) -> float:
+def get_joint_target_velocity(caller: "Caller", joint: Joint) -> float:
     """Returns the target speed of a wheel, rad/s; 0 for a free joint."""
-    return float(caller.world.targets[found.wheel]) if found.wheel >= 0 else 0.0
+    return float(caller.world.targets[joint.wheel]) if joint.wheel >= 0 else 0.0
 
 
 @offered()
-def get_joint_velocity(caller: "Caller", found: Joint) -> float:
+def get_joint_velocity(caller: "Caller", joint: Joint) -> float:
     """Returns the speed of a wheel in the last pass, rad/s; 0 for a free joint."""
-    return float(caller.world.speeds[found.wheel]) if found.wheel >= 0 else 0.0
+    return float(caller.world.speeds[joint.wheel]) if joint.wheel >= 0 else 0.0
 
 
 @offered()
-def get_joint_position(caller: "Caller", found: Joint) -> float:
+def get_joint_position(caller: "Caller", joint: Joint) -> float:
     """Returns the angle of a wheel, rad; 0 for a free joint."""
-    return float(caller.world.angles[found.wheel]) if found.wheel >= 0 else 0.0
+    return float(caller.world.angles[joint.wheel]) if joint.wheel >= 0 else 0.0
 
 
 # Sonars and lidar.
 
 
 @offered()
-def read_vision_sensor(caller: "Caller", found: Object) -> tuple[int, list[float], list[float]]:
+def read_vision_sensor(caller: "Caller", scene_object: Object) -> tuple[int, list[float], list[float]]:
     """Returns the points of a half of the lidar in the last pass: 0, an empty packet, and that of `lidar.points`."""
-    if found.scans < 0:
+    if scene_object.scans < 0:
         raise CallError(
             "object is not a vision sensor.", "the scene has no cameras; the halves of the lidar are offered"
         )
     ranges = caller.world.scan()
-    return (-1, [], []) if ranges is None else (0, [], lidar.points(ranges, found.scans))
+    return (-1, [], []) if ranges is None else (0, [], lidar.points(ranges, scene_object.scans))
 
 
 @offered()
-def read_proximity_sensor(caller: "Caller", found: Sensor) -> Any:
+def read_proximity_sensor(caller: "Caller", sensor: Sensor) -> Any:
     """Returns the reading of a sonar in the last pass."""
-    return caller.world.reading(found)
+    return caller.world.reading(sensor)
 
 
 @offered()
@@ -420,10 +426,10 @@ def handle_proximity_sensor(caller: "Caller", handle: int) -> Any:
 
 
 @offered()
-def check_proximity_sensor(caller: "Caller", found: Sensor, entity: int = HANDLE_ALL) -> Any:
+def check_proximity_sensor(caller: "Caller", sensor: Sensor, entity: int = HANDLE_ALL) -> Any:
     """Returns the reading of a sonar now, of one object or of all; null where there is no echo."""
     only = None if entity == HANDLE_ALL else node(caller, entity)
-    hit, *rest = caller.world.peek(found, only)
+    hit, *rest = caller.world.peek(sensor, only)
     return (hit, *rest) if hit else (0, None, None, None, None)
 
 
@@ -498,9 +504,9 @@ def _remove(caller: "Caller", chosen: Sequence[Object]) -> None:
 
 
 @offered()
-def remove_object(caller: "Caller", found: Object) -> int:
+def remove_object(caller: "Caller", scene_object: Object) -> int:
     """Removes an object from the scene."""
-    _remove(caller, [found])
+    _remove(caller, [scene_object])
     return 1
 
 
@@ -511,17 +517,17 @@ def remove_objects(caller: "Caller", handles: list[Any], later: bool = False) ->
 
 
 @offered()
-def remove_model(caller: "Caller", found: Object, later: bool = False) -> int:
+def remove_model(caller: "Caller", scene_object: Object, later: bool = False) -> int:
     """Removes an object and all below it from the scene; returns how many."""
-    chosen = list(found.tree())
+    chosen = list(scene_object.tree())
     _remove(caller, chosen)
     return len(chosen)
 
 
 @offered()
-def get_shape_geom_info(caller: "Caller", found: Shape) -> tuple[int, int, list[float]]:
+def get_shape_geom_info(caller: "Caller", shape: Shape) -> tuple[int, int, list[float]]:
     """Returns the bits of a shape (2 convex, 4 primitive), its kind of primitive, and its sizes, m."""
-    if found.primitive is None:
+    if shape.primitive is None:
         return 1, 0, [0.0, 0.0, 0.0, 0.0]
-    kind, sizes = found.primitive
+    kind, sizes = shape.primitive
     return 6, kind, [*map(float, sizes), 0.0]

@@ -224,7 +224,7 @@ _links: dict[int, _Link] = {}
 _next = 0
 
 
-def _told(clientID, mode, key, ask):
+def _answer(clientID, mode, key, ask):
     """Returns the code and the value of a call that asks for one; None without one."""
     link = _links.get(clientID)
     if link is None:
@@ -261,13 +261,13 @@ def _done(clientID, mode, key, act):
     return code
 
 
-def _one(told, nothing):
-    code, value = told
+def _one(answer, nothing):
+    code, value = answer
     return code, nothing if value is None else value
 
 
-def _list(told, count=3):
-    code, value = told
+def _list(answer, count=3):
+    code, value = answer
     return code, [0.0] * count if value is None else [float(each) for each in value]
 
 
@@ -312,19 +312,19 @@ def simxGetConnectionId(clientID):
 def simxGetPingTime(clientID):
     """Returns the code and the time of a round trip, ms."""
     began = time.monotonic()
-    code, _ = _told(clientID, simx_opmode_blocking, (), lambda sim: sim.getSimulationState())
+    code, _ = _answer(clientID, simx_opmode_blocking, (), lambda sim: sim.getSimulationState())
     return code, int(1000.0 * (time.monotonic() - began))
 
 
 def simxGetLastCmdTime(clientID):
     """Returns the time of the simulation, ms."""
-    return int(1000.0 * _one(_told(clientID, simx_opmode_blocking, (), lambda sim: sim.getSimulationTime()), 0.0)[1])
+    return int(1000.0 * _one(_answer(clientID, simx_opmode_blocking, (), lambda sim: sim.getSimulationTime()), 0.0)[1])
 
 
 def simxGetInMessageInfo(clientID, infoType):
     """Returns the code and a field of the last message; the server's state has bit 0 unless it is stopped."""
     if infoType == simx_headeroffset_server_state:
-        code, state = _one(_told(clientID, simx_opmode_blocking, (), lambda sim: sim.getSimulationState()), 0)
+        code, state = _one(_answer(clientID, simx_opmode_blocking, (), lambda sim: sim.getSimulationState()), 0)
         return code, (1 if state else 0) | (2 if state == sim_simulation_paused else 0)
     if infoType == simx_headeroffset_server_time:
         return simx_return_ok, simxGetLastCmdTime(clientID)
@@ -401,17 +401,21 @@ def simxGetFloatingParameter(clientID, paramIdentifier, operationMode):
             return sim.getSimulationTimeStep()
         return sim.getFloatParam(paramIdentifier)
 
-    return _one(_told(clientID, operationMode, ("float", paramIdentifier), read), 0.0)
+    return _one(_answer(clientID, operationMode, ("float", paramIdentifier), read), 0.0)
 
 
 def simxGetIntegerParameter(clientID, paramIdentifier, operationMode):
     """Returns the code and a parameter of the program."""
-    return _one(_told(clientID, operationMode, ("int", paramIdentifier), lambda s: s.getInt32Param(paramIdentifier)), 0)
+    return _one(
+        _answer(clientID, operationMode, ("int", paramIdentifier), lambda s: s.getInt32Param(paramIdentifier)), 0
+    )
 
 
 def simxGetBooleanParameter(clientID, paramIdentifier, operationMode):
     """Returns the code and a parameter of the program."""
-    return _one(_told(clientID, operationMode, ("bool", paramIdentifier), lambda s: s.getBoolParam(paramIdentifier)), 0)
+    return _one(
+        _answer(clientID, operationMode, ("bool", paramIdentifier), lambda s: s.getBoolParam(paramIdentifier)), 0
+    )
 
 
 def simxSetIntegerParameter(clientID, paramIdentifier, paramValue, operationMode):
@@ -438,13 +442,13 @@ def simxGetObjectHandle(clientID, objectName, operationMode):
     def find(sim):
         return sim.getObject(name) if name[:1] in "/.:" else sim.getObjectHandle(name)
 
-    return _one(_told(clientID, operationMode, ("handle", name), find), 0)
+    return _one(_answer(clientID, operationMode, ("handle", name), find), 0)
 
 
 def simxGetObjects(clientID, objectType, operationMode):
     """Returns the code and the handles of all objects of a type."""
     return _one(
-        _told(clientID, operationMode, ("objects", objectType), lambda s: s.getObjectsInTree(-12, objectType)), []
+        _answer(clientID, operationMode, ("objects", objectType), lambda s: s.getObjectsInTree(-12, objectType)), []
     )
 
 
@@ -465,14 +469,14 @@ def simxGetObjectGroupData(clientID, objectType, dataType, operationMode):
 
     if dataType not in (0, 3, 5, 9):
         raise NotImplementedError(f"simxGetObjectGroupData: data type {dataType} is not offered; 0, 3, 5 and 9 are")
-    code, result = _told(clientID, operationMode, ("group", objectType, dataType), read)
+    code, result = _answer(clientID, operationMode, ("group", objectType, dataType), read)
     return (code, *(result or ([], [], [], [])))
 
 
 def simxGetObjectParent(clientID, childObjectHandle, operationMode):
     """Returns the code and a handle."""
     return _one(
-        _told(clientID, operationMode, ("parent", childObjectHandle), lambda s: s.getObjectParent(childObjectHandle)),
+        _answer(clientID, operationMode, ("parent", childObjectHandle), lambda s: s.getObjectParent(childObjectHandle)),
         -1,
     )
 
@@ -480,12 +484,12 @@ def simxGetObjectParent(clientID, childObjectHandle, operationMode):
 def simxGetObjectChild(clientID, parentObjectHandle, childIndex, operationMode):
     """Returns the code and a handle, or -1."""
     key = ("child", parentObjectHandle, childIndex)
-    return _one(_told(clientID, operationMode, key, lambda s: s.getObjectChild(parentObjectHandle, childIndex)), -1)
+    return _one(_answer(clientID, operationMode, key, lambda s: s.getObjectChild(parentObjectHandle, childIndex)), -1)
 
 
 def simxCreateDummy(clientID, size, color, operationMode):
     """Returns the code and the handle of a new dummy."""
-    return _one(_told(clientID, operationMode, "dummy", lambda sim: sim.createDummy(float(size))), 0)
+    return _one(_answer(clientID, operationMode, "dummy", lambda sim: sim.createDummy(float(size))), 0)
 
 
 def simxRemoveObject(clientID, objectHandle, operationMode):
@@ -497,7 +501,7 @@ def _getter(name, key):
     def get(clientID, objectHandle, relativeToObjectHandle, operationMode):
         ask = (key, objectHandle, relativeToObjectHandle)
         get_it = lambda sim: getattr(sim, name)(int(objectHandle), int(relativeToObjectHandle))  # noqa: E731
-        return _list(_told(clientID, operationMode, ask, get_it), 4 if key == "quaternion" else 3)
+        return _list(_answer(clientID, operationMode, ask, get_it), 4 if key == "quaternion" else 3)
 
     return get
 
@@ -522,7 +526,7 @@ simxSetObjectQuaternion = _setter("setObjectQuaternion", "set quaternion")
 def simxGetObjectVelocity(clientID, objectHandle, operationMode):
     """Returns the code, the linear (m/s) and the angular velocity (rad/s)."""
     key = ("velocity", objectHandle)
-    code, result = _told(clientID, operationMode, key, lambda sim: sim.getObjectVelocity(int(objectHandle)))
+    code, result = _answer(clientID, operationMode, key, lambda sim: sim.getObjectVelocity(int(objectHandle)))
     return (code, *([list(each) for each in result] if result else ([0.0] * 3, [0.0] * 3)))
 
 
@@ -532,7 +536,7 @@ def simxGetObjectVelocity(clientID, objectHandle, operationMode):
 def simxGetJointPosition(clientID, jointHandle, operationMode):
     """Returns the code and the angle of a joint, rad."""
     return _one(
-        _told(clientID, operationMode, ("joint", jointHandle), lambda s: s.getJointPosition(int(jointHandle))), 0.0
+        _answer(clientID, operationMode, ("joint", jointHandle), lambda s: s.getJointPosition(int(jointHandle))), 0.0
     )
 
 
@@ -562,7 +566,7 @@ def simxGetObjectFloatParameter(clientID, objectHandle, parameterID, operationMo
             return sim.getJointVelocity(int(objectHandle))
         return sim.getObjectFloatParam(int(objectHandle), parameterID)
 
-    return _one(_told(clientID, operationMode, ("parameter", objectHandle, parameterID), read), 0.0)
+    return _one(_answer(clientID, operationMode, ("parameter", objectHandle, parameterID), read), 0.0)
 
 
 # Sensors.
@@ -571,7 +575,7 @@ def simxGetObjectFloatParameter(clientID, objectHandle, parameterID, operationMo
 def simxReadProximitySensor(clientID, sensorHandle, operationMode):
     """Returns the code, whether there is an echo, its point (m, sensor frame), the object's handle and the normal."""
     key = ("proximity", sensorHandle)
-    code, result = _told(clientID, operationMode, key, lambda sim: sim.readProximitySensor(int(sensorHandle)))
+    code, result = _answer(clientID, operationMode, key, lambda sim: sim.readProximitySensor(int(sensorHandle)))
     if not result:
         return code, False, list(_NONE3), 0, list(_NONE3)
     hit, _, point, handle, normal = result
@@ -581,7 +585,7 @@ def simxReadProximitySensor(clientID, sensorHandle, operationMode):
 def simxReadVisionSensor(clientID, sensorHandle, operationMode):
     """Returns the code, whether something was found, and the packets: of a lidar's half, the second has its points."""
     key = ("vision", sensorHandle)
-    code, result = _told(clientID, operationMode, key, lambda sim: sim.readVisionSensor(int(sensorHandle)))
+    code, result = _answer(clientID, operationMode, key, lambda sim: sim.readVisionSensor(int(sensorHandle)))
     return code, bool(result and result[0] > 0), [list(each) for each in result[1:]] if result else []
 
 
@@ -591,7 +595,7 @@ def simxReadVisionSensor(clientID, sensorHandle, operationMode):
 def _signals(kind, nothing, given):
     def get(clientID, signalName, operationMode):
         key = (kind, signalName)
-        code, value = _told(clientID, operationMode, key, lambda sim: getattr(sim, f"get{kind}Signal")(signalName))
+        code, value = _answer(clientID, operationMode, key, lambda sim: getattr(sim, f"get{kind}Signal")(signalName))
         if value is None:
             # the signal is missing: an error of the server, as there
             return (code or simx_return_remote_error_flag), nothing()

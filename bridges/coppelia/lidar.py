@@ -30,11 +30,11 @@ def scan(obstacles, count, x, y, heading, angles, reach, ranges):
             cx = o.x - x
             cy = o.y - y
             if o.half_length == 0.0 and o.half_width == 0.0:
-                found = ray_to_circle(cx, cy, o.radius, ux, uy)
+                distance = ray_to_circle(cx, cy, o.radius, ux, uy)
             else:
                 half_length = o.half_length + (o.radius if o.half_length > 0.0 else 0.0)
-                found = ray_to_box(cx, cy, o.cos, o.sin, half_length, o.half_width + o.radius, ux, uy)
-            ranges[k] = min(ranges[k], found)
+                distance = ray_to_box(cx, cy, o.cos, o.sin, half_length, o.half_width + o.radius, ux, uy)
+            ranges[k] = min(ranges[k], distance)
 
 
 def packed(values: NDArray[np.float64]) -> bytes:

@@ -90,7 +90,7 @@ class World:
         self.trail: list[tuple[float, float]] = []  # of the robot's centre, every `_stride`-th pass
         self._stride = 1
         self.set_while_stopped = False  # whether a wheel was, since the last stop
-        self._stop_asked = self._pause_asked = False
+        self._stop_requested = self._pause_requested = False
         self._before: Before | None = None
         self._shapes: list[Object] = []  # by the index of their obstacles
         self._echoes: dict[int, Reading] = {}
@@ -304,7 +304,7 @@ class World:
         self._put(*self.robot_pose)
         self.time = 0.0
         self.state = FIRST
-        self._stop_asked = self._pause_asked = False
+        self._stop_requested = self._pause_requested = False
         self._silence()
         self.trail, self._stride = [], 1
         self.set_while_stopped = False
@@ -314,12 +314,12 @@ class World:
         if self.state == PAUSED:
             self.state = ABOUT_TO_STOP
         elif self.running:
-            self._stop_asked = True
+            self._stop_requested = True
 
     def pause(self) -> None:
         """Requests a pause, which takes two passes."""
         if self.running:
-            self._pause_asked = True
+            self._pause_requested = True
 
     def advance(self) -> None:
         """Makes a pass: one time step of the plant, new sonar readings, time and state."""
@@ -346,13 +346,13 @@ class World:
             self.state = STOPPED
         elif self.state == ABOUT_TO_STOP:
             self.state = LAST_BEFORE_STOP
-        elif self._stop_asked:
-            self._stop_asked = self._pause_asked = False
+        elif self._stop_requested:
+            self._stop_requested = self._pause_requested = False
             self.state = ABOUT_TO_STOP
         elif self.state == LAST_BEFORE_PAUSE:
             self.state = PAUSED
-        elif self._pause_asked:
-            self._pause_asked = False
+        elif self._pause_requested:
+            self._pause_requested = False
             self.state = LAST_BEFORE_PAUSE
         else:
             self.state = RUNNING

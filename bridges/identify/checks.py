@@ -139,8 +139,8 @@ def _spread(times: Floats, step: float) -> Floats:
     """Returns times of which those that are equal lie evenly within the step from there on."""
     _, first, count = np.unique(times, return_index=True, return_counts=True)
     place = np.arange(len(times)) - np.repeat(first, count)
-    found: Floats = times + step * (place + 0.5) / np.repeat(count, count)
-    return found
+    spread: Floats = times + step * (place + 0.5) / np.repeat(count, count)
+    return spread
 
 
 def _once(times: Floats, values: Floats) -> tuple[Floats, Floats]:
@@ -196,10 +196,10 @@ def _closed(drive: Drive) -> Drive:
     begins, ends = drive.times[long] + 0.5 * CLOSED_GAP, drive.times[long + 1] - 0.5 * CLOSED_GAP
 
     def moved(times: Floats) -> Floats:
-        found = times.copy()
+        shifted = times.copy()
         for begin, end in zip(begins, ends, strict=True):
-            found -= np.clip(times - begin, 0.0, end - begin)
-        return found
+            shifted -= np.clip(times - begin, 0.0, end - begin)
+        return shifted
 
     commands = _once(moved(drive.command_times), drive.commands)
     return dataclasses.replace(drive, command_times=commands[0], commands=commands[1], times=moved(drive.times))
@@ -207,7 +207,7 @@ def _closed(drive: Drive) -> Drive:
 
 def _offsets(drive: Drive, tops: Floats) -> list[str]:
     """Returns a line for each speed that odometry has long after its command became 0: no interval holds an offset."""
-    found = []
+    offsets = []
     k = np.maximum(np.searchsorted(drive.command_times, drive.times, "right") - 1, 0)
     for axis in range(2):
         zero = drive.commands[:, axis] == 0.0
@@ -216,11 +216,11 @@ def _offsets(drive: Drive, tops: Floats) -> list[str]:
         still = drive.speeds[zero[k] & (drive.times - since[k] > REST), axis]
         offset = float(np.median(still)) if len(still) >= LEAST_STILL else 0.0
         if abs(offset) > OFFSET * tops[axis]:
-            found.append(
+            offsets.append(
                 f"odometry says {offset:.3g} {UNITS[axis]} where the {NAMES[axis]} has been commanded to be 0 for "
                 f"{REST:g} s: subtract the offset, which the intervals do not hold"
             )
-    return found
+    return offsets
 
 
 def _check_following(drive: Drive) -> None:

@@ -111,13 +111,13 @@ class Fit:
     def wrong(self) -> NDArray[np.bool_]:
         """Returns which messages (n,) of odometry are too far off to be noise; none where many are: the model is."""
         left = np.abs(self.drive.speeds.T - self.response)
-        found: NDArray[np.bool_] = np.any(left > FAR * self.noise[:, None], axis=0)
-        return found if found.mean() <= MOST_WRONG else np.zeros_like(found)
+        outliers: NDArray[np.bool_] = np.any(left > FAR * self.noise[:, None], axis=0)
+        return outliers if outliers.mean() <= MOST_WRONG else np.zeros_like(outliers)
 
     def residuals(self) -> Floats:
         """Returns measured minus fitted speeds, (2, k), of what counts and is not wrong."""
-        found: Floats = (self.drive.speeds.T - self.response)[:, self.drive.counted & ~self.wrong]
-        return found
+        errors: Floats = (self.drive.speeds.T - self.response)[:, self.drive.counted & ~self.wrong]
+        return errors
 
 
 @dataclasses.dataclass
@@ -138,18 +138,18 @@ class Problem:
         """Returns the numbers of parameters."""
         inside = np.clip(x, self.low, self.high)
         values = np.where(self.linear, inside, np.exp(np.where(self.linear, 0.0, inside)))
-        found = self.others.copy()
+        whole = self.others.copy()
         for group, value in zip(self.groups, values, strict=True):
-            found[list(group)] = value
-        return found
+            whole[list(group)] = value
+        return whole
 
     def parameters(self, numbers: Floats) -> Floats:
         """Returns the parameters of numbers, within the bounds."""
         first = numbers[[group[0] for group in self.groups]]
-        found: Floats = np.clip(
+        clipped: Floats = np.clip(
             np.where(self.linear, first, np.log(np.where(self.linear, 1.0, first))), self.low, self.high
         )
-        return found
+        return clipped
 
     def at(self, x: Floats) -> tuple[Floats, Floats]:
         """Returns roots (k,) of the loss of each residual, with its sign, and their derivatives (k, parameters)."""
@@ -173,9 +173,9 @@ class Problem:
         chosen = list(free)
 
         def whole(part: Floats) -> Floats:
-            found = x.copy()
-            found[chosen] = part
-            return found
+            vector = x.copy()
+            vector[chosen] = part
+            return vector
 
         part, _, _, _, _ = leastsq(
             lambda part: self.at(whole(part))[0], x[chosen], Dfun=lambda part: self.at(whole(part))[1][:, chosen],
@@ -234,16 +234,16 @@ class Problem:
         wanted = math.sqrt(limit)
 
         def root(distance: float, start: Floats, at: float, ways: int = 2) -> tuple[float, Floats]:
-            found: list[tuple[float, Floats]] = []
+            solutions: list[tuple[float, Floats]] = []
             for along in (1.0, 0.0)[:ways]:  # to first order the others move along, of which what is flat may go astray
                 x = np.clip(start + along * ahead * (side * (distance - at)), self.low, self.high)
                 x[index] = best[index] + side * distance
                 x, squares = self.solve(x, free, 1e-5, 25)
                 ratio = math.log((max(squares, 1e-300) + spare) / (cost + spare))
-                found.append((math.sqrt(max(ratio, 0.0)), x))
-                if found[-1][0] <= wanted:
+                solutions.append((math.sqrt(max(ratio, 0.0)), x))
+                if solutions[-1][0] <= wanted:
                     break
-            return min(found, key=lambda each: each[0])
+            return min(solutions, key=lambda each: each[0])
 
         inner, inner_root, start = 0.0, 0.0, best
         outer = min(max(step, 1e-6), 0.5)
@@ -269,14 +269,14 @@ class Problem:
         for _ in range(12):
             share = (wanted - inner_root) / (outer_root - inner_root)
             middle = inner + min(max(share, 0.1), 0.9) * (outer - inner)
-            found, x = root(middle, start, inner, 1)
-            if abs(found - wanted) < 0.03 * wanted:
+            middle_root, x = root(middle, start, inner, 1)
+            if abs(middle_root - wanted) < 0.03 * wanted:
                 inner = middle
                 break
-            if found < wanted:
-                inner, inner_root, start = middle, found, x
+            if middle_root < wanted:
+                inner, inner_root, start = middle, middle_root, x
             else:
-                outer, outer_root = middle, found
+                outer, outer_root = middle, middle_root
         return float(best[index] + side * inner)
 
 
@@ -340,12 +340,12 @@ def fit_axis(drive: Drive, axis: int, delays: Floats = DELAYS) -> Floats:
             numbers[10 + axis] = limit
             starts.append(problem.parameters(numbers))
     free = range(1, 5)
-    found: list[tuple[Floats, float]] = []
+    solutions: list[tuple[Floats, float]] = []
     for delay in delays:
-        starts = [np.concatenate([[delay], x[1:]]) for x in (starts if not found else [found[-1][0]])]
-        found.append(min((problem.solve(x, free, 1e-6, 40) for x in starts), key=lambda each: each[1]))
-    found.sort(key=lambda each: each[1])
-    x, _ = problem.best([each for each, _ in found[:2]])
+        starts = [np.concatenate([[delay], x[1:]]) for x in (starts if not solutions else [solutions[-1][0]])]
+        solutions.append(min((problem.solve(x, free, 1e-6, 40) for x in starts), key=lambda each: each[1]))
+    solutions.sort(key=lambda each: each[1])
+    x, _ = problem.best([each for each, _ in solutions[:2]])
     return problem.numbers(x)
 
 
@@ -394,11 +394,11 @@ def commanded(drive: Drive) -> tuple[int, ...]:
 
 def fit_axes(drive: Drive, delays: Floats = DELAYS) -> Floats:
     """Returns the numbers of PAIR of two axes that saturate by themselves; UNKNOWN of one without commands."""
-    found = UNKNOWN.copy()
+    numbers = UNKNOWN.copy()
     for axis in commanded(drive):
         own = [*range(5 * axis, 5 * axis + 5), 10 + axis]
-        found[own] = fit_axis(drive, axis, delays)[own]
-    return found
+        numbers[own] = fit_axis(drive, axis, delays)[own]
+    return numbers
 
 
 def noise_of(drive: Drive, response: Floats) -> Floats:
@@ -408,8 +408,8 @@ def noise_of(drive: Drive, response: Floats) -> Floats:
     """
     sizes = np.abs(drive.speeds.T - response)[:, drive.counted]
     fastest = np.quantile(np.abs(drive.speeds), 0.98, axis=0)
-    found: Floats = np.maximum(np.quantile(sizes, 0.9, axis=1) / 1.6449, LEAST_NOISE * np.maximum(fastest, 1e-3))
-    return found
+    noise: Floats = np.maximum(np.quantile(sizes, 0.9, axis=1) / 1.6449, LEAST_NOISE * np.maximum(fastest, 1e-3))
+    return noise
 
 
 def _starts(drive: Drive, numbers: Floats, half_track: float) -> list[Floats]:
@@ -420,14 +420,14 @@ def _starts(drive: Drive, numbers: Floats, half_track: float) -> list[Floats]:
     """
     fastest = np.quantile(np.abs(drive.speeds[drive.counted]), 0.98, axis=0)
     measured = float(fastest[0] / max(fastest[1], 1e-6))
-    found = []
+    starts = []
     for half, gained in ((measured, True), (measured, False), (half_track, True), (1.6 * half_track, True)):
         start = numbers.copy()
         start[10:] = max(fastest[0], half * fastest[1]), half
         if not gained:
             start[[1, 6]] = 1.0
-        found.append(start)
-    return found
+        starts.append(start)
+    return starts
 
 
 def choose_saturation(drive: Drive, axes: Floats, half_track: float) -> tuple[int, Floats, tuple[float, float, float]]:

@@ -63,15 +63,15 @@ def resting(drive: Drive, times: Floats) -> np.ndarray[tuple[int], np.dtype[np.b
     """Returns at which times (n,) the command has been zero for REST."""
     commanded = np.any(drive.commands != 0.0, axis=1)
     last = np.maximum.accumulate(np.where(commanded, np.append(drive.command_times[1:], np.inf), -np.inf))
-    found: np.ndarray[tuple[int], np.dtype[np.bool_]] = (times >= drive.command_times[0]) & (
+    rest: np.ndarray[tuple[int], np.dtype[np.bool_]] = (times >= drive.command_times[0]) & (
         times - held(drive.command_times, last, times) > REST
     )
-    return found
+    return rest
 
 
 def rates(log: Log) -> list[Rate]:
     """Returns how often commands, odometry, truth and scans come."""
-    found = []
+    rates_seen = []
     for what, times in (
         ("commands", log.command_times),
         ("odometry", log.times),
@@ -80,5 +80,7 @@ def rates(log: Log) -> list[Rate]:
     ):
         if len(times) > 2:
             gaps = np.diff(times)
-            found.append(Rate(what, len(times), 1.0 / float(np.median(gaps)), float(gaps.std()), float(gaps.max())))
-    return found
+            rates_seen.append(
+                Rate(what, len(times), 1.0 / float(np.median(gaps)), float(gaps.std()), float(gaps.max()))
+            )
+    return rates_seen

@@ -87,8 +87,8 @@ def _displacements(times: Floats, poses: Floats, edges: Floats) -> tuple[Floats,
 
 def _fitted(columns: Floats, values: Floats) -> tuple[Floats, Floats]:
     """Returns the coefficients of least squares, and their covariance."""
-    found: Floats = np.asarray(np.linalg.lstsq(columns, values, rcond=None)[0], np.float64)
-    left = values - columns @ found
+    solution: Floats = np.asarray(np.linalg.lstsq(columns, values, rcond=None)[0], np.float64)
+    left = values - columns @ solution
     variance = float(left @ left) / max(len(values) - columns.shape[1], 1)
     covariance: Floats = variance * np.linalg.inv(columns.T @ columns)
-    return found, covariance
+    return solution, covariance

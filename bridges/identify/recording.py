@@ -113,19 +113,19 @@ def read_tables(file: Path, other: Path | None = None) -> Log:
         text = read_text(str(path))
         sha.update(text.encode())
         for line, cells in _cells(path, text):
-            for names, found in rows.items():
+            for names, table in rows.items():
                 values = [cells.get(name, "") for name in ("t", *names)]
                 if all(values):
                     numbers = [
                         _number(f"{path}:{line}", name, cell) for name, cell in zip(("t", *names), values, strict=True)
                     ]
-                    found.append(numbers)
+                    table.append(numbers)
     for names, what in ((COLUMNS[1:3], "commands"), (COLUMNS[3:5], "odometry")):
         if not rows[names]:
             raise ValueError(
                 f"{file}: holds no {what}; columns {', '.join(('t', *names))} must be in one of the tables"
             )
-    commands, odometry, truth = (np.array(found).reshape(len(found), 1 + len(names)) for names, found in rows.items())
+    commands, odometry, truth = (np.array(table).reshape(len(table), 1 + len(names)) for names, table in rows.items())
     start = min(commands[0, 0], odometry[0, 0])
     return Log(
         file.name if other is None else f"{file.name}, {other.name}", sha.hexdigest(), "table",
@@ -157,13 +157,13 @@ def _cells(path: Path, text: str) -> Iterator[tuple[int, dict[str, str]]]:
 
 def _number(place: str, name: str, cell: str) -> float:
     try:
-        found = float(cell)
+        number = float(cell)
     except ValueError:
-        found = math.nan
-    if not math.isfinite(found):
+        number = math.nan
+    if not math.isfinite(number):
         pointed = " with a decimal point" if "," in cell else ""
         raise ValueError(f"{place}: {name} is {shown(cell)}; it must be a finite number{pointed}")
-    return found
+    return number
 
 
 def _sample_bag(folder: Path) -> None:
@@ -270,14 +270,14 @@ class _Refused(Exception):
 
 def _check_topic(file: Path, topic: str, kinds: Sequence[str], connections: Sequence[Any]) -> None:
     """Raises _Refused unless a topic is there, of one of the kinds, with messages."""
-    found = [each for each in connections if each.topic == topic]
-    if not found:
+    matching = [each for each in connections if each.topic == topic]
+    if not matching:
         there = ", ".join(sorted({f"{each.topic} ({each.msgtype})" for each in connections})) or "none"
         raise _Refused(f"{file}: has no topic {topic}; its topics are {there}")
-    for each in found:
+    for each in matching:
         if each.msgtype not in kinds:
             raise _Refused(f"{file}: topic {topic} is of type {each.msgtype}; it must be {' or '.join(kinds)}")
-    if not sum(each.msgcount for each in found):
+    if not sum(each.msgcount for each in matching):
         raise _Refused(f"{file}: topic {topic} has no messages")
 
 

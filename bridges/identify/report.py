@@ -49,11 +49,11 @@ class Findings:
     @property
     def next_drives(self) -> list[str]:
         """Returns what to drive so that what is missing is seen."""
-        found: dict[str, list[str]] = {}
+        drives: dict[str, list[str]] = {}
         for each in (*self.fit.estimates, *self.odometry):
             if each.missing:
-                found.setdefault(each.missing, []).append(each.name)
-        return [f"{', '.join(names)}: {what}" for what, names in found.items()]
+                drives.setdefault(each.missing, []).append(each.name)
+        return [f"{', '.join(names)}: {what}" for what, names in drives.items()]
 
 
 def write_report(file: Path, findings: Findings) -> list[Path]:
@@ -72,9 +72,9 @@ def write_report(file: Path, findings: Findings) -> list[Path]:
     return [file, *files]
 
 
-def _response(found: Findings) -> bytes:
+def _response(findings: Findings) -> bytes:
     """Returns measured and fitted speeds: the whole drive, and the seconds with the largest commands."""
-    drive, fit = found.fit.drive, found.fit
+    drive, fit = findings.fit.drive, findings.fit
     figure, panels = subplots(2, 2, figsize=(12, 7), width_ratios=(2, 1), layout="constrained")
     for axis, (_, name, unit) in enumerate(AXES_NAMES):
         start = _busiest(drive, axis)
@@ -99,9 +99,9 @@ def _response(found: Findings) -> bytes:
     return _png(figure)
 
 
-def _residuals(found: Findings) -> bytes:
+def _residuals(findings: Findings) -> bytes:
     """Returns what the fit leaves: over time, as a histogram beside a normal one, and its correlation over time."""
-    drive, fit = found.fit.drive, found.fit
+    drive, fit = findings.fit.drive, findings.fit
     figure, panels = subplots(2, 3, figsize=(13, 6), width_ratios=(2, 1, 1), layout="constrained")
     for axis, (_, name, unit) in enumerate(AXES_NAMES):
         left = fit.residuals()[axis]
@@ -153,19 +153,19 @@ table{border-collapse:collapse;margin:.5rem 0}td,th{padding:.15rem .8rem .15rem 
 border-bottom:1px solid #ddd;vertical-align:top}img{max-width:100%}.bound{color:#a33}code{background:#f3f3f3}"""
 
 
-def _page(found: Findings, plots: dict[str, bytes]) -> str:
+def _page(findings: Findings, plots: dict[str, bytes]) -> str:
     """Returns the page."""
     e = html.escape
-    fit = found.fit
+    fit = findings.fit
     parts = [
         "<!DOCTYPE html><html lang='en'><head><meta charset='utf-8'>"
-        f"<title>Identified: {e(found.log.name)}</title><style>{_STYLE}</style></head><body>",
-        f"<h1>{e(found.log.name)}</h1><p>{fit.drive.times[-1] - fit.drive.times[0]:.0f} s of a drive; the sheet "
-        f"of {e(found.base)} fills what the log does not say. Times are {_STAMPS[found.log.stamps]}. "
+        f"<title>Identified: {e(findings.log.name)}</title><style>{_STYLE}</style></head><body>",
+        f"<h1>{e(findings.log.name)}</h1><p>{fit.drive.times[-1] - fit.drive.times[0]:.0f} s of a drive; the sheet "
+        f"of {e(findings.base)} fills what the log does not say. Times are {_STAMPS[findings.log.stamps]}. "
         f"Saturation: {SATURATION[SATURATIONS[fit.saturation]]}.</p>",
     ]
-    if found.warnings:
-        parts.append("<p><b>Warnings.</b> " + " ".join(f"{e(each)}." for each in found.warnings) + "</p>")
+    if findings.warnings:
+        parts.append("<p><b>Warnings.</b> " + " ".join(f"{e(each)}." for each in findings.warnings) + "</p>")
     rows = [
         (each.name, f"<span class='bound'>{e(str(each))}</span>" if each.missing else str(each))
         for each in fit.estimates
@@ -173,23 +173,26 @@ def _page(found: Findings, plots: dict[str, bytes]) -> str:
     parts.append("<h2>Parameters</h2>" + _table(("parameter", "value (95 % interval), or a bound"), rows))
     parts.append("<p>Delay and lag trade against each other; their sum is known better.</p>")
     parts.append(_image(plots["response"], "Commanded, measured and fitted speeds"))
-    parts.append("<h2>How well it predicts</h2>" + _prediction(found))
+    parts.append("<h2>How well it predicts</h2>" + _prediction(findings))
     parts.append(_image(plots["residuals"], "Residuals over time, their histogram and correlation"))
-    if found.next_drives:
+    if findings.next_drives:
         parts.append(
-            "<h2>What to drive next</h2><ul>" + "".join(f"<li>{e(each)}</li>" for each in found.next_drives) + "</ul>"
+            "<h2>What to drive next</h2><ul>"
+            + "".join(f"<li>{e(each)}</li>" for each in findings.next_drives)
+            + "</ul>"
         )
-    if found.unbounded:
-        lines = "".join(f"<li>{e(each)}</li>" for each in found.unbounded)
+    if findings.unbounded:
+        lines = "".join(f"<li>{e(each)}</li>" for each in findings.unbounded)
         parts.append(f"<h2>What the log does not bound</h2><ul>{lines}</ul>")
     parts.append("<h2>Odometry against ground truth</h2>" + _table(
-        ("error", "value (95 % interval)"), [(each.name, e(str(each))) for each in found.odometry]))  # fmt: skip
-    parts.append("<h2>Noise and rates</h2>" + _noises(found.noise) + _table(
+        ("error", "value (95 % interval)"), [(each.name, e(str(each))) for each in findings.odometry]))  # fmt: skip
+    parts.append("<h2>Noise and rates</h2>" + _noises(findings.noise) + _table(
         ("topic", "messages", "rate, Hz", "jitter, ms", "longest gap, s"),
         [(each.what, str(each.count), f"{each.hertz:.3g}", f"{1e3 * each.jitter:.1f}", f"{each.longest:.3g}")
-         for each in found.rates]))  # fmt: skip
+         for each in findings.rates]))  # fmt: skip
     parts.append(
-        f"<p><code>{e(found.command)}</code><br>SHA-256 of the log: <code>{found.log.digest}</code></p></body></html>"
+        f"<p><code>{e(findings.command)}</code><br>SHA-256 of the log: <code>{findings.log.digest}</code></p>"
+        "</body></html>"
     )
     return "\n".join(parts)
 
@@ -201,17 +204,17 @@ _STAMPS = {
 }
 
 
-def _prediction(found: Findings) -> str:
+def _prediction(findings: Findings) -> str:
     """Returns tables of held-out errors."""
     text = ""
-    if found.tested is not None:
+    if findings.tested is not None:
         rows = [(html.escape(what), f"{v:.3g} m/s", f"{w:.3g} rad/s")
-                for what, (v, w) in found.tested.rows(found.base).items()]  # fmt: skip
+                for what, (v, w) in findings.tested.rows(findings.base).items()]  # fmt: skip
         text = (
-            f"<p>RMS on the last {100 - 100 * found.split:.0f} % of each {BLOCK:g} s. Held out: of a sheet fitted to "
-            "the rest.</p>" + _table(("", *(name for _, name, _ in AXES_NAMES)), rows)
+            f"<p>RMS on the last {100 - 100 * findings.split:.0f} % of each {BLOCK:g} s. Held out: of a sheet "
+            "fitted to the rest.</p>" + _table(("", *(name for _, name, _ in AXES_NAMES)), rows)
         )
-    errors = found.fit.held_out
+    errors = findings.fit.held_out
     compared = [(SATURATION[name], f"{math.sqrt(error):.3f}") for name, error in zip(SATURATIONS, errors, strict=True)]
     return (
         text

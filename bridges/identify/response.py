@@ -264,5 +264,5 @@ def pair_response(
 def held(times: Floats, values: NDArray[Any], at: Floats) -> NDArray[Any]:
     """Returns the value that is held at each time: the last before it, 0 before the first."""
     last = np.searchsorted(times, at, side="right") - 1
-    found: NDArray[Any] = np.where(last >= 0, values[np.maximum(last, 0)], 0.0)
-    return found
+    latest: NDArray[Any] = np.where(last >= 0, values[np.maximum(last, 0)], 0.0)
+    return latest

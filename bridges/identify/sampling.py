@@ -63,12 +63,12 @@ def throttled(drive: Drive, late: float) -> list[Drive]:
     They are four times the lateness (s) apart: twice the interval between commands that are as late in the mean.
     """
     ticks = drive.command_times / (4.0 * late)
-    found = []
+    drives = []
     for phase in (0.0, 0.5):
         times = (np.round(ticks + phase) - phase) * 4.0 * late
         last = np.append(np.diff(times) > 0.0, True)
-        found.append(dataclasses.replace(drive, command_times=times[last], commands=drive.commands[last]))
-    return found
+        drives.append(dataclasses.replace(drive, command_times=times[last], commands=drive.commands[last]))
+    return drives
 
 
 def rounded(drive: Drive, response: Floats, noise: Floats) -> list[Drive]:
@@ -83,10 +83,10 @@ def rounded(drive: Drive, response: Floats, noise: Floats) -> list[Drive]:
     if not steps.any():
         return []
     wide = np.where(steps > 0.0, steps, 1.0)
-    found = [
+    rounded_speeds = [
         np.where(steps > 0.0, (np.round(response / wide + phase) - phase) * wide, response) for phase in (0.0, 0.5)
     ]
-    return [dataclasses.replace(drive, speeds=each) for each in found]
+    return [dataclasses.replace(drive, speeds=each) for each in rounded_speeds]
 
 
 def resolution(values: Floats) -> float:

@@ -26,9 +26,9 @@ def numbers_of(robot: Robot, saturation: int) -> Floats:
     )
     wheel, half = robot.wheels[1].radius * robot.rated_wheel_speed, robot.wheels[1].y
     limits = (wheel, min(robot.turn_speed, wheel / half)) if saturation == AXES else (wheel, half)
-    found = np.array([*(number for axis in each for number in axis), *limits])
-    found[[4, 9]] = np.maximum(found[[4, 9]], 1e-4)  # the response divides by it
-    return found
+    numbers = np.array([*(number for axis in each for number in axis), *limits])
+    numbers[[4, 9]] = np.maximum(numbers[[4, 9]], 1e-4)  # the response divides by it
+    return numbers
 
 
 def predicted(robot: Robot, drive: Drive) -> Floats:
@@ -43,14 +43,14 @@ def predicted(robot: Robot, drive: Drive) -> Floats:
     return pair_response(dataclasses.replace(drive, commands=commands), saturation, numbers)[0]
 
 
-def settled(base: Robot, found: Fit) -> tuple[dict[int, float], list[str]]:
+def settled(base: Robot, fit: Fit) -> tuple[dict[int, float], list[str]]:
     """Returns values of what the log does not bound on both sides, by their place in PAIR, and a line for each.
 
     The base's own value is one where the interval holds it. Where not, an acceleration is twice its bound, or less if
     the fit is, and a limit is the bound, which has been driven.
     """
-    own, values, lines = numbers_of(base, found.saturation), {}, []
-    estimates = [each for each in found.estimates if "+" not in each.name]
+    own, values, lines = numbers_of(base, fit.saturation), {}, []
+    estimates = [each for each in fit.estimates if "+" not in each.name]
     for place, each in enumerate(estimates):
         if each.bounded:
             continue
@@ -60,7 +60,7 @@ def settled(base: Robot, found: Fit) -> tuple[dict[int, float], list[str]]:
         if each.low <= value <= each.high:
             lines.append(f"{each.name}: {each}; {value:.4g}{unit} of {base.name} is kept")
         else:
-            fitted, times = factor * found.numbers[place], FROM_BOUND.get(each.name.partition("_")[0], 1.0)
+            fitted, times = factor * fit.numbers[place], FROM_BOUND.get(each.name.partition("_")[0], 1.0)
             value = min(fitted, times * each.low) if math.isfinite(each.low) else fitted
             lines.append(
                 f"{each.name}: {each}; {base.name} has {factor * own[place]:.4g}, so {value:.4g}{unit} is taken"

@@ -190,14 +190,14 @@ def sim(
     frames: str,
     record: str | None,
     seconds: float | None,
-    **asked: Any,
+    **options: Any,
 ) -> None:
     """Simulates a robot as a ROS 2 node. Publishes scan, odom, clock, ground_truth and contact; reads cmd_vel."""
     named = tuple(each.strip() for each in frames.split(","))
     if len(named) != 3 or not all(named):
         raise click.UsageError(f"--frames {frames!r} must be three names: ODOM,BASE,SCAN")
-    kept = {each.name for each in dataclasses.fields(SimSettings)}
-    talk = {name: asked.pop(name) for name in kept & asked.keys()}
+    names = {each.name for each in dataclasses.fields(SimSettings)}
+    talk = {name: options.pop(name) for name in names & options.keys()}
     if talk["lockstep"] and world == "path":
         raise click.UsageError("--lockstep waits for an answer to a scan; --env path has none")
     if talk["no_clock"] and (talk["rate"] != 1.0 or talk["lockstep"]):
@@ -206,10 +206,10 @@ def sim(
     recorder = recorder_of(record)
     default = {"goal": "rooms", "path": "figure_eight", "dock": "all", "team": "circle_8", "people": "crowdnav_5"}
     try:
-        body = Body(robot, world, scenario or default[world], **asked)
+        body = Body(robot, world, scenario or default[world], **options)
     except (ValueError, TypeError) as error:
         raise click.UsageError(str(error)) from None
-    noise = DISTURBANCES[asked["disturbance"]].encoder_noise
+    noise = DISTURBANCES[options["disturbance"]].encoder_noise
     settings = SimSettings(
         frames=(named[0], named[1], named[2]),
         seconds=math.inf if seconds is None else seconds,

@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 AHEAD = math.radians(60.0)  # rad, to either side: where the robot must see to drive
 MOST_UNKNOWN = 0.5  # share of what is ahead
-KEPT = 0.5  # s, that a hit is remembered in a direction that is no longer seen
+MEMORY = 0.5  # s, that a hit is remembered in a direction that is no longer seen
 NO_RETURN = ("far", "unknown")  # what 0 and NaN mean: free as far as the lidar sees, or not known
 
 
@@ -237,7 +237,7 @@ class Sight:
         seen = _placed(points, pose)
         old = np.column_stack([self._hits, np.full(len(self._hits), self.stamp)])
         self._old = np.vstack([self._old, old])
-        self._old = self._old[self._old[:, 2] >= scan.stamp - KEPT]
+        self._old = self._old[self._old[:, 2] >= scan.stamp - MEMORY]
         self._hits, self._free = seen[beams.is_hit], seen[~beams.is_hit]
         self._spacing = beams.spacing
         self.stamp = scan.stamp
@@ -252,7 +252,7 @@ class Sight:
         ranges, _ = in_sectors(angles, distances, self._sectors, self._spacing, self.max_range)
         unknown = np.isnan(ranges)
         if unknown.any() and len(self._old):
-            late = self._old[self._old[:, 2] >= stamp - KEPT]
+            late = self._old[self._old[:, 2] >= stamp - MEMORY]
             past = _seen_from(late[:, :2], pose)
             where, place = in_sectors(
                 np.arctan2(past[:, 1], past[:, 0]), np.hypot(past[:, 0], past[:, 1]), self._sectors, 0.0, self.max_range

@@ -65,10 +65,10 @@ def _drives(policy: Policy, along: bool) -> bool:
     return policy.knows == "sensors" and goal_reaching.Observation in policy.observes
 
 
-def _twist(robot: Robot, asked: NDArray[np.float64]) -> Twist:
+def _twist(robot: Robot, twist: NDArray[np.float64]) -> Twist:
     """Returns a policy's answer (1, t) as a body twist."""
     whole = np.zeros(3)
-    whole[list(robot.twist_axes)] = asked[0]
+    whole[list(robot.twist_axes)] = twist[0]
     return Twist(*whole.tolist())
 
 

@@ -83,18 +83,18 @@ class Limits:
         vx, vy, turn = (requested / max(1.0, *over)).tolist()
         return Twist(vx, vy, turn)
 
-    def ramped(self, before: Twist, asked: Twist, dt: float) -> Twist:
+    def ramped(self, before: Twist, requested: Twist, dt: float) -> Twist:
         """Returns the twist that the base can follow to after dt (s): it may always slow down."""
         if not self.by_sheet:
-            return asked
-        vx, vy = asked.vx, asked.vy
+            return requested
+        vx, vy = requested.vx, requested.vy
         speed, wanted = math.hypot(before.vx, before.vy), math.hypot(vx, vy)
         # what lasts of the motion before along the wanted one
         along = max(0.0, (before.vx * vx + before.vy * vy) / wanted) if wanted > 0.0 else 0.0
         most = min(along, speed) + self.acceleration * dt
         if wanted > most:
             vx, vy = vx * most / wanted, vy * most / wanted
-        turn = asked.yaw_rate
+        turn = requested.yaw_rate
         lasting = abs(before.yaw_rate) if before.yaw_rate * turn > 0.0 else 0.0
         turn = math.copysign(min(abs(turn), lasting + self.yaw_acceleration * dt), turn)
         return Twist(vx, vy, turn)

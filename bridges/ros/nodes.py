@@ -143,13 +143,13 @@ def parameter(node: Node, name: str, default: Any) -> Any:
     Raises:
         ValueError: if it is of another type than the default, or not finite.
     """
-    found = node.declare_parameter(name, default, ParameterDescriptor(dynamic_typing=True)).value
-    if type(default) is float and type(found) is int:
-        found = float(found)
-    if type(found) is not type(default) or (found != default and type(found) is float and not math.isfinite(found)):
+    value = node.declare_parameter(name, default, ParameterDescriptor(dynamic_typing=True)).value
+    if type(default) is float and type(value) is int:
+        value = float(value)
+    if type(value) is not type(default) or (value != default and type(value) is float and not math.isfinite(value)):
         kind = {float: "a finite number", bool: "true or false", str: "text"}[type(default)]
-        raise ValueError(f"parameter {name} is {found!r}; it must be {kind}")
-    return found
+        raise ValueError(f"parameter {name} is {value!r}; it must be {kind}")
+    return value
 
 
 class Outlet:
@@ -308,16 +308,16 @@ class Simulator:
         looked = begin
         period = body.dt / settings.rate if settings.rate > 0.0 else 0.0
         while not stop.is_set() and body.steps * body.dt < settings.seconds - 1e-9:
-            told = self._publish()
-            if settings.lockstep and told == told:
-                self._await_answer(told, stop)
+            published = self._publish()
+            if settings.lockstep and published == published:
+                self._await_answer(published, stop)
             for k in range(1, settings.substeps + 1):
                 self._wait(due + k / settings.substeps * period, stop)
                 if k < settings.substeps and self._clock is not None:
                     seconds = body.time + k / settings.substeps * body.dt
                     self._clock.publish(Clock(clock=time_of(seconds)), seconds)
             due += period
-            self._take(told)
+            self._take(published)
             body.step()
             now = time.monotonic()
             if period and now - due > 1.0:
@@ -357,13 +357,13 @@ class Simulator:
         self.scans += 1
         return sent
 
-    def _await_answer(self, told: float, stop: threading.Event) -> None:
+    def _await_answer(self, published: float, stop: threading.Event) -> None:
         """Waits for an answer to the scan, as long as lockstep says."""
-        until = told + self.settings.lockstep
+        until = published + self.settings.lockstep
         with self._lock:
-            while not self._answers(told) and not stop.is_set() and time.monotonic() < until:
+            while not self._answers(published) and not stop.is_set() and time.monotonic() < until:
                 self._lock.wait(min(0.1, max(0.0, until - time.monotonic())))
-            self.late += not self._answers(told)
+            self.late += not self._answers(published)
 
     def _wait(self, due: float, stop: threading.Event) -> None:
         """Waits until a time by the monotonic clock."""
@@ -373,30 +373,30 @@ class Simulator:
         elif not self.settings.lockstep:
             time.sleep(0.0)  # for the threads that take messages
 
-    def _answers(self, told: float) -> bool:
+    def _answers(self, published: float) -> bool:
         """Returns whether a command has come that knows this step's scan."""
         return any(
-            came >= told and (stamp >= self.body.time - 1e-6 or came >= told + _FORMER)
+            came >= published and (stamp >= self.body.time - 1e-6 or came >= published + _FORMER)
             for came, stamp, _ in self._commands
         )
 
-    def _take(self, told: float) -> None:
+    def _take(self, published: float) -> None:
         """Hands what has come to the body."""
         with self._lock:
             commands, self._commands = self._commands, []
             poses, self._poses = self._poses, []
-        if told == told:
-            self._told = told
+        if published == published:
+            self._published = published
             self._open = True
         for came, _, twist in commands:
             self._begin = self._begin or (came, self.body.steps)
             if getattr(self, "_open", False):
                 self._open = False
                 self.answered += 1
-                self.round_trips.append(came - self._told)
+                self.round_trips.append(came - self._published)
             self.body.command(twist)
             if self._recorder is not None:
-                passed = (came - self._told) * self.settings.rate if told == told else 0.0
+                passed = (came - self._published) * self.settings.rate if published == published else 0.0
                 at = self._epoch + self.body.time + min(max(passed, 0.0), 0.999 * self.body.dt)
                 message = TwistStamped()
                 message.header.stamp, message.header.frame_id = time_of(at), self._frames[1]
@@ -412,15 +412,15 @@ class Simulator:
     def _look_around(self) -> None:
         """Says what is wrong with the publishers of commands: there are several, or one has an incompatible QoS."""
         node = self._main.node
-        found = node.get_publishers_info_by_topic(self._topic)
-        names = _names_of(found)
+        publishers = node.get_publishers_info_by_topic(self._topic)
+        names = _names_of(publishers)
         if len(names) > 1 and names != self._rivals:
             say(f"warning: {len(names)} nodes publish {self._topic}: {', '.join(names)}; stop all but one")
         self._rivals = names
         taken = {"twist": ("Twist",), "stamped": ("TwistStamped",)}.get(
             self.settings.cmd_vel, ("Twist", "TwistStamped")
         )
-        for each in found:
+        for each in publishers:
             (name,), kind = _names_of([each]), each.topic_type.rpartition("/")[2]
             if kind not in taken:
                 self._say_once(
@@ -569,10 +569,10 @@ class PathPlanner:
                 try:
                     frame, points = path_of(self._came.pop())
                     count = len(points)
-                    found = self._course_of(points)
+                    course = self._course_of(points)
                 except Exception as error:  # the node's thread says it, or ends of it
-                    found = error
-                self.ready.append((frame, count, found))
+                    course = error
+                self.ready.append((frame, count, course))
 
 
 class DriverNode:
@@ -732,8 +732,8 @@ class DriverNode:
         """Subscribes to estop as its publishers offer it: who asks for more has rclpy say that nothing comes."""
         for each in self._node.get_publishers_info_by_topic(self._node.resolve_topic_name("estop")):
             if each.qos_profile.reliability != ReliabilityPolicy.BEST_EFFORT:
-                kept = each.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
-                self._hear_estop(LATCHED if kept else RELIABLE)
+                latched = each.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+                self._hear_estop(LATCHED if latched else RELIABLE)
 
     def _estop(self, message: Bool) -> None:
         self._publish(self.driver.estop(message.data))
@@ -756,8 +756,8 @@ class DriverNode:
                 say(": ".join(filter(None, shown)))
             self._shown, self._next_status = shown, now + 0.5
             self._status.publish(String(data=json.dumps(self.status())))
-            found = self._node.get_publishers_info_by_topic(self._cmd.topic_name)
-            names = _names_of(found)
+            publishers = self._node.get_publishers_info_by_topic(self._cmd.topic_name)
+            names = _names_of(publishers)
             if len(names) > 1 and names != self._rivals:
                 say(f"warning: {', '.join(names)} publish {self._cmd.topic_name}; stop all but one")
             self._rivals = names
@@ -775,8 +775,8 @@ class DriverNode:
             "scan_age": scan,
             "odom_age": odom,
         }
-        found = {name: round(value, 3) if math.isfinite(value) else None for name, value in numbers.items()}
-        return {"state": state, "reason": reason, **found}
+        finite = {name: round(value, 3) if math.isfinite(value) else None for name, value in numbers.items()}
+        return {"state": state, "reason": reason, **finite}
 
     def run(self, stop: threading.Event, done: Callable[[], bool] = lambda: False) -> None:
         """Drives until it is stopped, or done; then zero is published three times, whatever happened."""

@@ -90,8 +90,8 @@ def drawn(robot: "Robot", generator: np.random.Generator) -> "Robot":
     mostly err against each other (delay and lag), so that their sums are spread wider here than they are known.
     """
     normal = statistics.NormalDist()
-    told = (1.0 + _SHARE) / 2.0
-    widest = normal.inv_cdf(told)
+    quantile = (1.0 + _SHARE) / 2.0
+    widest = normal.inv_cdf(quantile)
     changes: dict[str, Any] = {}
     for name in IDENTIFIED:
         interval = robot.sources.get(name)
@@ -99,7 +99,7 @@ def drawn(robot: "Robot", generator: np.random.Generator) -> "Robot":
             continue
         found = []
         for value, low, high in interval.components:
-            z = normal.inv_cdf(1.0 - told + _SHARE * generator.random()) / widest
+            z = normal.inv_cdf(1.0 - quantile + _SHARE * generator.random()) / widest
             end = high if z > 0.0 else low
             found.append(value if end is None else value + abs(z) * (end - value))
         changes[name] = tuple(found) if isinstance(interval.value, tuple) else found[0]

@@ -239,8 +239,8 @@ class Robot:
             lag = _each("lag", lag, ("lag",) * len(axes), axes) or math.nan
         object.__setattr__(self, "lag", lag if isinstance(lag, tuple) else _number("lag", lag))
         kinds = ("deceleration", "yaw_deceleration")
-        told = ("of the velocity", "of the yaw rate")
-        object.__setattr__(self, "decelerations", _each("decelerations", self.decelerations, kinds, told))
+        meanings = ("of the velocity", "of the yaw rate")
+        object.__setattr__(self, "decelerations", _each("decelerations", self.decelerations, kinds, meanings))
         choose("saturation", self.saturation, SATURATIONS)
         choose("response", self.response, RESPONSES)
 
@@ -351,10 +351,10 @@ class Robot:
             twist = np.zeros(3)
             twist[list(axes)] = twists[-1] * lengths[list(axes)]
             twist /= np.abs(twist).max() * math.copysign(1.0, twist[np.abs(twist).argmax()])
-            told = ", ".join(f"{round(each, 3) + 0.0:g}" for each in twist.tolist())
+            shown_twist = ", ".join(f"{round(each, 3) + 0.0:g}" for each in twist.tolist())
             raise ValueError(
                 f"{field} cannot span the twists: their wheel matrix has rank {rank}, it must have {len(axes)}; none "
-                f"of them turns when the base moves with (v_x m/s, v_y m/s, yaw rate rad/s) = ({told})"
+                f"of them turns when the base moves with (v_x m/s, v_y m/s, yaw rate rad/s) = ({shown_twist})"
             )
 
     @property
@@ -497,11 +497,11 @@ _ABSENT: Mapping[str, Any] = {
 }
 
 
-def _each(field: str, values: Any, kinds: tuple[str, ...], told: tuple[str, ...]) -> tuple[float, ...]:
+def _each(field: str, values: Any, kinds: tuple[str, ...], meanings: tuple[str, ...]) -> tuple[float, ...]:
     """Returns a number of each kind, or none of any."""
     listed = isinstance(values, Sequence) and not isinstance(values, str)
     if not listed or len(values) not in (0, len(kinds)):
-        raise ValueError(f"{field} is {shown(values)}; it must be {len(kinds)} numbers ({', '.join(told)})")
+        raise ValueError(f"{field} is {shown(values)}; it must be {len(kinds)} numbers ({', '.join(meanings)})")
     return tuple(_number(f"{field}[{i}]", value, kinds[i]) for i, value in enumerate(values))
 
 

@@ -54,8 +54,8 @@ class Symbolic:
             choose("actuators", actuators, ACTUATORS)
             actuators = found.actuators(actuators)
         decay, mean = lag_factors(actuators.lag, dt)
-        told = {"twist_action": True, "distorted": False, "lag_decay": decay, "lag_mean": mean}
-        self._lay_out(found, motor_numbers(found, actuators, dt) | told)
+        constants = {"twist_action": True, "distorted": False, "lag_decay": decay, "lag_mean": mean}
+        self._lay_out(found, motor_numbers(found, actuators, dt) | constants)
 
     @classmethod
     def of(cls, env: Any, *, true: bool = False) -> "Symbolic":
@@ -92,10 +92,10 @@ class Symbolic:
     def _lay_out(self, robot: Robot, p: Mapping[str, Any]) -> None:
         """Makes the functions from the values of `records.ROBOT_PARAMS`."""
         if p["responds"]:
-            told = {"saturation": robot.saturation != "twist", "response": robot.response != "stepped"}
-            told |= {"lag": isinstance(robot.lag, tuple)}
-            told |= {name: bool(getattr(robot, name)) for name in ("delay", "gain", "decelerations")}
-            fields = ", ".join(sorted(name for name, there in told.items() if there))
+            unmodelled = {"saturation": robot.saturation != "twist", "response": robot.response != "stepped"}
+            unmodelled |= {"lag": isinstance(robot.lag, tuple)}
+            unmodelled |= {name: bool(getattr(robot, name)) for name in ("delay", "gain", "decelerations")}
+            fields = ", ".join(sorted(name for name, there in unmodelled.items() if there))
             raise ValueError(
                 f"robot {robot.name!r} has {fields} in its data sheet, which no symbolic model has yet; "
                 'actuators="ideal" is without'
@@ -111,26 +111,26 @@ class Symbolic:
         self.units = {"x": tuple(STATE.values()), "u": tuple(inputs.values())}
         x, u = casadi.SX.sym("x", len(STATE)), casadi.SX.sym("u", len(inputs))
         if p["twist_action"]:
-            asked = casadi.SX(3, 1)
+            request = casadi.SX(3, 1)
             for k, axis in enumerate(robot.twist_axes):
-                asked[axis] = u[k]
+                request[axis] = u[k]
         else:
-            asked = casadi.DM(p["forward_matrix"][:, : len(wheels)]) @ u
-        after = _moved(casadi, p, x, _limited(casadi, p, asked, x[6:9]))
+            request = casadi.DM(p["forward_matrix"][:, : len(wheels)]) @ u
+        after = _moved(casadi, p, x, _limited(casadi, p, request, x[6:9]))
         self.step = casadi.Function("step", [x, u], [after], ["x", "u"], ["x_next"])
         derivatives = [casadi.jacobian(after, x), casadi.jacobian(after, u)]
         self.linear = casadi.Function("linear", [x, u], derivatives, ["x", "u"], ["A", "B"])
-        self.smooth = casadi.Function("smooth", [x, u], [_moved(casadi, p, x, asked)], ["x", "u"], ["x_next"])
+        self.smooth = casadi.Function("smooth", [x, u], [_moved(casadi, p, x, request)], ["x", "u"], ["x_next"])
 
 
-def _limited(casadi: Any, p: Mapping[str, Any], asked: Any, last: Any) -> Any:
+def _limited(casadi: Any, p: Mapping[str, Any], twist: Any, last: Any) -> Any:
     """Returns what `kinematics.limits` makes of a requested twist (3,) after the last command (3,)."""
     # roots and quotients stay away from zero in the branch that is not taken, or derivatives would be NaN there
-    rates = casadi.DM(p["wheel_matrix"][: p["num_wheels"]]) @ asked
+    rates = casadi.DM(p["wheel_matrix"][: p["num_wheels"]]) @ twist
     factor = p["wheel_speed_limit"] / casadi.fmax(casadi.mmax(casadi.fabs(rates)), p["wheel_speed_limit"])
     if math.isfinite(p["turn_speed"]):
-        factor = casadi.fmin(factor, p["turn_speed"] / casadi.fmax(casadi.fabs(asked[2]), p["turn_speed"]))
-    change = factor * asked - last
+        factor = casadi.fmin(factor, p["turn_speed"] / casadi.fmax(casadi.fabs(twist[2]), p["turn_speed"]))
+    change = factor * twist - last
     if math.isfinite(p["acceleration"]):
         most = p["acceleration"] * p["dt"]
         change[:2] *= most / casadi.sqrt(casadi.fmax(casadi.sumsqr(change[:2]), most * most))

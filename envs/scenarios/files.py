@@ -155,10 +155,10 @@ def of_no_scenario(file: str, wanted: str, kind: str = _GOAL) -> ValueError:
     if suffix.lower() not in MAP_SUFFIXES:
         return fault(file, f"suffix {suffix!r} is not known; {wanted}")
     bare = suffix.lower() not in (".yaml", ".yml", ".map")
-    told = json.dumps(
+    example = json.dumps(
         {"start": [1, 2, 0], kind: [9, 4, 0], "map": {"file": name, "resolution": 0.05} if bare else name}
     )
-    return fault(file, f"is a map; a scenario also has a start and a {kind}: write {told} to mine.json beside it")
+    return fault(file, f"is a map; a scenario also has a start and a {kind}: write {example} to mine.json beside it")
 
 
 def _pose_of(file: str, field: str, value: Any) -> tuple[float, float, float]:

@@ -191,8 +191,8 @@ class Problem:
         (x0, y0), (x1, y1) = grid.points(
             np.array([[column + 0.5, self.size[1] - row - 0.5] for column, row in (self.start, self.goal)])
         ).tolist()
-        asked = {"position_tolerance": 0.2, "heading_tolerance": math.pi} | settings
-        return GoalScenario(name, (x1, y1, 0.0), start=(x0, y0, 0.0), grid=grid, **asked)
+        tolerances = {"position_tolerance": 0.2, "heading_tolerance": math.pi} | settings
+        return GoalScenario(name, (x1, y1, 0.0), start=(x0, y0, 0.0), grid=grid, **tolerances)
 
 
 @reader("MovingAI problems", "room.map.scen", {"room.map": _OCTILE, "room.map.scen": _PROBLEMS})

@@ -324,12 +324,12 @@ def _check_speed(file: Path, people: list[Person], rate: float | None) -> None:
     """Checks that people walk as people do; warns where they walk as few do and nobody said how far apart rows are."""
     steps = [np.hypot(*np.diff(each.places, axis=0).T) for each in people]
     median = float(np.median(np.concatenate([np.zeros(0), *steps]))) * (rate or RATE) if steps else 0.0
-    told = f"people walk at {median:.3g} m/s in the median, at {1.0 / (rate or RATE):g} s between rows"
+    pace = f"people walk at {median:.3g} m/s in the median, at {1.0 / (rate or RATE):g} s between rows"
     slow, usual, quick = _USUAL
     near = (rate or RATE) * usual / max(median, 1e-9)
     other = f"; name another rate, in rows a second, behind the file, such as {file.name}@{near:.3g}"
     other *= _RATES[0] <= near <= _RATES[1]
     if not _SLOW <= median <= FASTEST:
-        raise ValueError(f"{file}:1: {told}; it must be from {_SLOW:g} to {FASTEST:g} m/s: x and y must be in m{other}")
+        raise ValueError(f"{file}:1: {pace}; it must be from {_SLOW:g} to {FASTEST:g} m/s: x and y must be in m{other}")
     if rate is None and not slow <= median <= quick:
-        warnings.warn(f"{file}: {told}{other} for {usual:g} m/s", FileNote, stacklevel=2)
+        warnings.warn(f"{file}: {pace}{other} for {usual:g} m/s", FileNote, stacklevel=2)

@@ -205,9 +205,9 @@ def followed(samples, all_times, bases, holonomic, gains, periods):
         here = sample_index(times, k)
         there = samples[sample_index(times, k + 1)]
         at = here - times.first
-        asked = regulated(base, holonomic, gains[at], samples[here], there, (x, y, heading), twist)
-        vx, vy, w, factor = limits(base, command, asked, base.dt)
-        if factor < 1.0 or abs(vx - asked[0]) + abs(vy - asked[1]) + abs(w - asked[2]) > 1e-9:
+        requested = regulated(base, holonomic, gains[at], samples[here], there, (x, y, heading), twist)
+        vx, vy, w, factor = limits(base, command, requested, base.dt)
+        if factor < 1.0 or abs(vx - requested[0]) + abs(vy - requested[1]) + abs(w - requested[2]) > 1e-9:
             limited += 1
         m = base.lag_mean
         d = base.lag_decay

@@ -209,12 +209,12 @@ class GoalScenario:
         ends = [o["x"] - x, o["y"] - y, o["x"] + x, o["y"] + y]
         shapes = [*ends, 2.0 * o["half_width"], o["radius"], o["mass"]]
         moves = [o["patrol"][name] for name in PATROL.names or ()]
-        asked = (self.position_tolerance, self.heading_tolerance, self.waypoint_radius)
+        tolerances = (self.position_tolerance, self.heading_tolerance, self.waypoint_radius)
         scatter = (self.start_offset, self.start_turn)
         sizes = len(o), len(self.waypoints)
         grid = [] if self.grid is None else self.grid.decisive()
         published = [] if math.isnan(self.published_length) else [self.published_length]
-        return [sizes, self.start, self.goal, self.waypoints, *shapes, *moves, asked, scatter, *grid, *published]
+        return [sizes, self.start, self.goal, self.waypoints, *shapes, *moves, tolerances, scatter, *grid, *published]
 
 
 def check_clear(scenario: GoalScenario, hull_radius: float) -> None:

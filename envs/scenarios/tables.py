@@ -171,9 +171,9 @@ def _layout(file: str, lines: list[str]) -> _Layout:
     columns = None
     for i, line in enumerate(lines):
         if line.lstrip().startswith("#"):
-            told = _header(line)
-            if found := _xy_columns(file, i + 1, told):
-                names, columns = told, found
+            header = _header(line)
+            if found := _xy_columns(file, i + 1, header):
+                names, columns = header, found
             continue
         text = line.split("#", 1)[0].strip()
         delimiter = _separator(text)
@@ -182,9 +182,9 @@ def _layout(file: str, lines: list[str]) -> _Layout:
             continue
         number = [_NUMERAL.fullmatch(field) or _DECIMAL_COMMA.fullmatch(field) for field in fields]
         if not any(number):
-            told = _header(text)
-            if found := _xy_columns(file, i + 1, told):
-                names, columns = told, found
+            header = _header(text)
+            if found := _xy_columns(file, i + 1, header):
+                names, columns = header, found
                 continue
             raise _fault(
                 file,
@@ -246,11 +246,11 @@ def _points(file: str, lines: list[str], layout: _Layout) -> NDArray[np.float64]
     if not layout.named and layout.width == _COPPELIASIM_COLUMNS:
         odd = np.flatnonzero(~(np.abs((table[:, 3:] ** 2).sum(axis=1) - 1.0) <= _UNIT))
         if len(odd):
-            told = ", ".join(f"{each:g}" for each in table[odd[0], 3:])
+            row = ", ".join(f"{each:g}" for each in table[odd[0], 3:])
             raise _fault(
                 file,
                 _line_of(lines, layout, odd[0]),
-                f"columns 4 to 7 are {told}, which is no unit quaternion; seven columns without a header must be x, y, "
+                f"columns 4 to 7 are {row}, which is no unit quaternion; seven columns without a header must be x, y, "
                 "z, qx, qy, qz, qw: name others in a first line, such as s,x,y,psi,kappa,vx,ax",
             )
     return np.ascontiguousarray(table[:, :2])
@@ -300,8 +300,8 @@ def _xy_columns(file: str, line: int, names: list[str]) -> tuple[int, int] | Non
                 if other in words:
                     pairs.append((k, words.index(other)))
         if len(pairs) > 1:
-            told = " and ".join(shown(names[k]) for k, _ in pairs[:2])
-            raise _fault(file, line, f"the columns {told} could both be x; leave one, or name it x and its partner y")
+            both = " and ".join(shown(names[k]) for k, _ in pairs[:2])
+            raise _fault(file, line, f"the columns {both} could both be x; leave one, or name it x and its partner y")
         if pairs:
             return pairs[0]
     if all(any(set(each) & degrees for each in words) for degrees in _DEGREES):

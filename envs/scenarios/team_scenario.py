@@ -80,8 +80,8 @@ class TeamScenario:
     def __post_init__(self) -> None:
         check_labels(self)
         if not isinstance(self.robots, Sequence) or not 1 <= len(self.robots) <= MOST_ROBOTS:
-            told = len(self.robots) if isinstance(self.robots, Sequence) else shown(self.robots)
-            raise ValueError(f"robots are {told}; there must be from 1 to {MOST_ROBOTS}")
+            count = len(self.robots) if isinstance(self.robots, Sequence) else shown(self.robots)
+            raise ValueError(f"robots are {count}; there must be from 1 to {MOST_ROBOTS}")
         for i, each in enumerate(self.robots):
             if not isinstance(each, GoalScenario):
                 raise ValueError(f"robots[{i}] is {shown(each)}; it must be a GoalScenario")

@@ -100,21 +100,21 @@ def _sum(factors: Sequence[float], values: Any) -> Any:
 
 
 def evaluate(
-    constraints: Sequence[Constraint], asked: NDArray[np.float64], command: NDArray[np.float64], states: NDArray[Any]
+    constraints: Sequence[Constraint], requests: NDArray[np.float64], command: NDArray[np.float64], states: NDArray[Any]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Returns the value (b, k) of each constraint, the largest of its rows, and whether any is violated (b,).
 
     A value is at most 0 where the constraint is kept, and above 0 where it is not.
 
     Args:
-        asked: (b, a) the requests of a period.
+        requests: (b, a) the requests of a period.
         command: (b, 3) the commands before it.
         states: (b,) after it.
     """
     values = np.empty((len(states), len(constraints)))
     bounds = np.ones(values.shape)
     for k, each in enumerate(constraints):
-        own = {"u": asked.T, "command": command.T}
+        own = {"u": requests.T, "command": command.T}
         rows = each.function(*(own[name] if name in own else states[name] for name in each.variables))
         values[:, k] = np.max(np.broadcast_arrays(*rows), axis=0)
         bounds[:, k] = each.bound if np.ndim(each.bound) == 0 else np.asarray(each.bound)[states["scenario"]]

@@ -22,8 +22,8 @@ def _actions(holonomic: bool) -> str:
     for k in range(max(len(twist), most)):
         bounds = [f"{robot.max_twist[k]:.3g}" if k < len(twist) else "" for robot in robots]
         speeds = [f"{robot.rated_wheel_speed:.4g}" if k < len(robot.wheels) else "" for robot in robots]
-        asked = twist[k] if k < len(twist) else ""
-        rows.append(f"| {k} | {asked} | {' | '.join(bounds)} | {wheels[k]} | {' | '.join(speeds)} |")
+        component = twist[k] if k < len(twist) else ""
+        rows.append(f"| {k} | {component} | {' | '.join(bounds)} | {wheels[k]} | {' | '.join(speeds)} |")
     return "\n    ".join(rows)
 
 

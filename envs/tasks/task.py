@@ -40,41 +40,41 @@ class Options:
     wheels: str | None = None  # of MuJoCo's model, one of mjcf.WHEELS; None: the first of the drive's
 
     @classmethod
-    def of(cls, robots: tuple[str, ...], **asked: Any) -> "Options":
+    def of(cls, robots: tuple[str, ...], **values: Any) -> "Options":
         """Returns the options whose values and names are those of the registered classes' arguments.
 
         Args:
             robots: the names that the environment offers; the first is the default. A data sheet or a `Robot` with a
                 drive of their kind will do as well.
-            asked: a value for each field but `dt`. shove: (time s, dx m, dy m, turn rad): the pose is displaced by this
-                at that time, in the world frame.
+            values: one for each field but `dt`. shove: (time s, dx m, dy m, turn rad): the pose is displaced by this at
+                that time, in the world frame.
 
         Raises:
             ValueError: if a name is unknown or a number out of range, or a data sheet is wrong; the message names the
                 field and the choices.
             OSError: if a data sheet cannot be opened.
         """
-        asked["robot"] = robot = offered(asked["robot"], robots)
+        values["robot"] = robot = offered(values["robot"], robots)
         for field, choices in _CHOICES.items():
-            choose(field, asked[field], choices)
-        asked["actuators"] = robot.actuators(asked["actuators"])
-        if asked["dynamics"] == "coppelia" and asked["actuators"].response is not None:
+            choose(field, values[field], choices)
+        values["actuators"] = robot.actuators(values["actuators"])
+        if values["dynamics"] == "coppelia" and values["actuators"].response is not None:
             raise ValueError(
                 f'robot {robot.name!r} has a delay or a response of its own; dynamics="coppelia" has no such motors'
             )
-        asked["disturbance"] = DISTURBANCES[asked["disturbance"]]
-        if asked["address"] is not None and asked["dynamics"] != "coppelia":
-            raise ValueError(f'address={asked["address"]!r} belongs to dynamics="coppelia"')
-        if asked["wheels"] is not None and asked["dynamics"] != "mujoco":
-            raise ValueError(f'wheels={shown(asked["wheels"])} belongs to dynamics="mujoco"')
-        noise = asked["noise"]
+        values["disturbance"] = DISTURBANCES[values["disturbance"]]
+        if values["address"] is not None and values["dynamics"] != "coppelia":
+            raise ValueError(f'address={values["address"]!r} belongs to dynamics="coppelia"')
+        if values["wheels"] is not None and values["dynamics"] != "mujoco":
+            raise ValueError(f'wheels={shown(values["wheels"])} belongs to dynamics="mujoco"')
+        noise = values["noise"]
         if not 0.0 <= real(noise) < math.inf:
             raise ValueError(f"noise must be a finite number >= 0 (0 is none, 1 nominal), got {shown(noise)}")
-        asked["noise"] = number("noise", noise, least=0.0, most=MOST_NOISE)
-        truth("constraints", asked.get("constraints", False))
-        if asked["shove"] is not None:
-            asked["shove"] = _shove(asked["shove"])
-        return cls(**asked)
+        values["noise"] = number("noise", noise, least=0.0, most=MOST_NOISE)
+        truth("constraints", values.get("constraints", False))
+        if values["shove"] is not None:
+            values["shove"] = _shove(values["shove"])
+        return cls(**values)
 
     def robot_params(self) -> dict[str, Any]:
         """Returns the values of records.ROBOT_PARAMS, but for the beams, which a task sets."""

@@ -61,8 +61,8 @@ def cluster(address: str, count: int) -> Iterator[Executor]:
         client = _client(address, security)
         stack.callback(_quietly, client.close)
         executor = _Cluster(client, address)
-        told = client.scheduler_info(n_workers=-1)["workers"]
-        say(f"scheduler {address}, {len(told)} workers; watch them at {client.dashboard_link}")
+        workers = client.scheduler_info(n_workers=-1)["workers"]
+        say(f"scheduler {address}, {len(workers)} workers; watch them at {client.dashboard_link}")
         executor.meet()
         yield executor
 

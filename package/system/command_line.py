@@ -81,8 +81,8 @@ class OneLineErrors(click.Command):
             if error.errno == errno.EPIPE:
                 self._exit(_UNREAD)
             where = f": {os.path.abspath(error.filename)}" if isinstance(error.filename, str | os.PathLike) else ""
-            told = "the disk is full" if error.errno == errno.ENOSPC else error.strerror
-            self._exit(1, f"{told}{where}" if told else str(error))
+            cause = "the disk is full" if error.errno == errno.ENOSPC else error.strerror
+            self._exit(1, f"{cause}{where}" if cause else str(error))
         except SystemExit as ended:
             if isinstance(ended.__context__, BrokenPipeError):  # rich makes an exit of its own of it
                 self._exit(_UNREAD)

@@ -5,7 +5,7 @@ import os
 import sys
 import warnings
 
-_told: set[str] = set()
+_shown: set[str] = set()
 NO_CACHE = "WAYFIELD_TOLD_OF_NO_CACHE"  # in the environment, which the processes that one starts inherit
 
 
@@ -22,8 +22,8 @@ def tell_of_no_cache(problem: str) -> None:
 
 def tell_of_damage(problem: str) -> None:
     """Says that machine code which the package carries is damaged, so that it is compiled instead."""
-    if "damage" not in _told:
-        _told.add("damage")
+    if "damage" not in _shown:
+        _shown.add("damage")
         warnings.warn(f"wayfield is damaged, install it again: {problem}", RuntimeWarning, stacklevel=6)
 
 
@@ -34,9 +34,9 @@ def tell_of_compiling(takes: str) -> None:
     Args:
         takes: how long.
     """
-    if "compiling" in _told or NO_CACHE in os.environ or multiprocessing.parent_process() is not None:
+    if "compiling" in _shown or NO_CACHE in os.environ or multiprocessing.parent_process() is not None:
         return
-    _told.add("compiling")
+    _shown.add("compiling")
     logger = sys.modules.get("gymnasium.logger")
     if logger is None or logger.min_level <= logger.WARN:
         print(f"first run: the kernels are compiled, which takes {takes}", file=sys.stderr, flush=True)

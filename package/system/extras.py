@@ -10,8 +10,8 @@ def installs(extra: str) -> str:
     """Returns the command that adds an extra to this installation, from where it came: a clone, a wheel, an index."""
     try:
         # a clone that is worked in may have another description of it, which does not say
-        told = [each.read_text("direct_url.json") for each in importlib.metadata.distributions(name="wayfield")]
-        source = json.loads(next(filter(None, told), "{}"))
+        records = [each.read_text("direct_url.json") for each in importlib.metadata.distributions(name="wayfield")]
+        source = json.loads(next(filter(None, records), "{}"))
         url = str(source.get("url", ""))
     except (OSError, ValueError, AttributeError):
         source, url = {}, ""

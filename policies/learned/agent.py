@@ -92,12 +92,12 @@ class Network:
     @property
     def layers(self) -> list[tuple[Numbers, Numbers]]:
         """Returns weights (outputs, inputs) and biases (outputs,), layer after layer."""
-        found, first = [], 0
+        pairs, first = [], 0
         for come, go in itertools.pairwise(self.sizes.tolist()):
             weight, bias = np.split(self.numbers[first : first + (come + 1) * go], [come * go])
-            found.append((weight.reshape(come, go).T, bias))
+            pairs.append((weight.reshape(come, go).T, bias))
             first += (come + 1) * go
-        return found
+        return pairs
 
     def __call__(self, inputs: Numbers) -> Numbers:
         """Returns the outputs (b, outputs) for inputs (b, inputs), each row as if it were alone."""

@@ -26,7 +26,7 @@ from wayfield.policies.parts.steering import unicycle_twists
 from wayfield.system.compiled import any_layout, compiled
 from wayfield.system.elementary import sin_cos
 
-MOST_INPUTS, MOST_KEPT = 2**16, 2**20  # numbers that a network may see, and a robot remember
+MOST_INPUTS, MOST_REMEMBERED = 2**16, 2**20  # numbers that a network may see, and a robot remember
 
 
 Features = PathFeatures | GoalFeatures
@@ -162,18 +162,18 @@ class Perception:
         self.limits = limits if features.limits else 0
         self.crumbed = features.crumbed
         self.moved = features.moved
-        retained = self._kept()
+        retained = self._remembered()
         before = features.previous * actions.size + 2 * len(self.trails) + self.crumbed + self.moved
         self.num_inputs = self.width * features.frames + before + self.limits + self.base_inputs
         for what, count, most in (
             ("sees", self.num_inputs, MOST_INPUTS),
-            ("remembers", sum(math.prod(shape) for shape in retained.values()), MOST_KEPT),
+            ("remembers", sum(math.prod(shape) for shape in retained.values()), MOST_REMEMBERED),
         ):
             if count > most:
                 raise ValueError(f"{type(features).__name__} {what} {count} numbers of a robot; at most {most} may be")
         self.memory = np.dtype([(name, np.float32, shape) for name, shape in retained.items()])
 
-    def _kept(self) -> dict[str, tuple[int, ...]]:
+    def _remembered(self) -> dict[str, tuple[int, ...]]:
         """Returns the shapes of what a robot remembers, by name."""
         features = self.features
         retained: dict[str, tuple[int, ...]] = {"actions": (features.previous, self.actions.size)}  # newest first

@@ -305,7 +305,7 @@ def nearest_allowed(rows, x, y, weight):
 @inlined
 def keeps(rows, n, x, y):
     """Returns whether a point keeps the first n rows."""
-    kept = True
+    inside = True
     for j in range(n):
-        kept = kept and rows[j, 0] * x + rows[j, 1] * y >= rows[j, 2] - EXACT
-    return kept
+        inside = inside and rows[j, 0] * x + rows[j, 1] * y >= rows[j, 2] - EXACT
+    return inside

@@ -348,15 +348,15 @@ def traced(parents, goal, columns):
 @allocating
 def pulled(levels, prices, cells):
     """Returns the cells of a way without the turns that line of sight makes needless: a string pulled tight."""
-    kept = np.empty_like(cells)
-    assign(kept[0], cells[0])
+    corners = np.empty_like(cells)
+    assign(corners[0], cells[0])
     count = 1
     for k in range(1, cells.shape[0] - 1):
-        last = kept[count - 1]
+        last = corners[count - 1]
         if not sees(levels, prices, last[0], last[1], cells[k + 1, 0], cells[k + 1, 1]):
-            assign(kept[count], cells[k])
+            assign(corners[count], cells[k])
             count += 1
     if cells.shape[0] > 1:
-        assign(kept[count], cells[-1])
+        assign(corners[count], cells[-1])
         count += 1
-    return kept[:count].copy()
+    return corners[:count].copy()

@@ -48,7 +48,7 @@ class Smoothed(NamedTuple):
     laps: Array  # (runs,) m, of a lap of the path as it is
 
 
-_kept: dict[tuple[int, bool], Smoothed | None] = {}
+_courses: dict[tuple[int, bool], Smoothed | None] = {}
 
 
 def smoothed(course: Course | None, motion: Motion, ends_only: bool = False) -> tuple[Course, Motion]:
@@ -70,10 +70,10 @@ def smoothed(course: Course | None, motion: Motion, ends_only: bool = False) -> 
     """
     assert course is not None
     key = id(course.vertices), ends_only
-    if key not in _kept:
-        _kept[key] = _smoothed(course, ends_only)
-        weakref.finalize(course.vertices, _kept.pop, key, None)
-    result = _kept[key]
+    if key not in _courses:
+        _courses[key] = _smoothed(course, ends_only)
+        weakref.finalize(course.vertices, _courses.pop, key, None)
+    result = _courses[key]
     if result is None:
         return course, motion
     course = result.course._replace(path_index=course.path_index)
@@ -110,8 +110,8 @@ def smooth_points(points, closed, ends_only):
 @allocating
 def places(vertices, runs, path_index, given, laps, arc_lengths):
     """Returns the arc lengths (b,) along smoothed paths at those along the paths as they are, m, over laps."""
-    found = np.empty(path_index.shape[0])
-    for i in range(found.shape[0]):
+    arcs = np.empty(path_index.shape[0])
+    for i in range(arcs.shape[0]):
         run = runs[path_index[i]]
         length = laps[path_index[i]]
         lap = math.floor(arc_lengths[i] / length) if run.closed else 0.0
@@ -127,8 +127,8 @@ def places(vertices, runs, path_index, given, laps, arc_lengths):
         stretch = (vertices[low + 1].s - vertices[low].s) / (given[low + 1] - given[low])
         # nothing is added where nothing has changed, not even a rounding
         shift = vertices[low].s - given[low] + (s - given[low]) * (stretch - 1.0)
-        found[i] = arc_lengths[i] + lap * (run.length - length) + shift
-    return found
+        arcs[i] = arc_lengths[i] + lap * (run.length - length) + shift
+    return arcs
 
 
 @allocating
@@ -222,7 +222,7 @@ def cancel(points, turns, nexts, out):
     n = points.shape[0]
     count = 0
     fixed = 0  # of those in `out`, corners and what is before them
-    found = False
+    any_pair = False
     i = 0
     while i < n:
         j = nexts[i]
@@ -232,7 +232,7 @@ def cancel(points, turns, nexts, out):
                 fixed = count
             i += 1
             continue
-        found = True
+        any_pair = True
         count = lead_in(points, i, EASE * apart(points[i], points[j]), out, fixed, count)
         ease = 0.0
         while j > 0:
@@ -243,7 +243,7 @@ def cancel(points, turns, nexts, out):
             j = nexts[i]
         fixed = count
         count, i = lead_out(points, turns, i, ease, out, count)
-    return count if found else 0
+    return count if any_pair else 0
 
 
 @allocating
@@ -304,7 +304,7 @@ def put_parabola(out, i, corner):
 @allocating
 def opposites(points, turns):
     """Returns for each point, (n,), which next corner takes it off, 0 if none does."""
-    found = np.zeros(points.shape[0], np.int64)
+    partners = np.zeros(points.shape[0], np.int64)
     before = 0
     i = next_corner(turns, 0)
     while i < points.shape[0] - 1:
@@ -317,10 +317,10 @@ def opposites(points, turns):
             aside = height(room, share * span, turns[i])
             room = min(EASE * span, (points[after, 2] - points[j, 2]) * (0.5 if opposed(turns, j, after) else 1.0))
             if max(aside, height(room, (1.0 - share) * span, turns[j])) <= ASIDE:
-                found[i] = j
+                partners[i] = j
         before = i
         i = j
-    return found
+    return partners
 
 
 @inlined

@@ -419,7 +419,7 @@ def project(m, x, y):
     limit = arc[min(m.segment + 1, n - 1)] + 1.0
     nearest = np.inf
     s = 0.0
-    found = first
+    segment = first
     for k in range(first, n - 1):
         if arc[k] > limit:
             break
@@ -435,10 +435,10 @@ def project(m, x, y):
         if d < nearest - 1e-12:
             nearest = d
             s = arc[k] + share * length
-            found = k
-    m.segment = found
-    after = min(found + 1, n - 1)
-    tangent = bearing(points[after, 1] - points[found, 1], points[after, 0] - points[found, 0])
+            segment = k
+    m.segment = segment
+    after = min(segment + 1, n - 1)
+    tangent = bearing(points[after, 1] - points[segment, 1], points[after, 0] - points[segment, 0])
     return s, math.sqrt(nearest), tangent
 
 
@@ -656,12 +656,12 @@ def nearest_free(levels, prices, row, column, reach):
     column = min(max(column, 0), columns - 1)
     if prices[levels[row, column]] < np.inf:
         return row * columns + column
-    found = -1
+    cell = -1
     nearest = reach * reach + 1
     for r in range(max(row - reach, 0), min(row + reach + 1, rows)):
         for c in range(max(column - reach, 0), min(column + reach + 1, columns)):
             d = (r - row) ** 2 + (c - column) ** 2
             if d < nearest and prices[levels[r, c]] < np.inf:
                 nearest = d
-                found = r * columns + c
-    return found
+                cell = r * columns + c
+    return cell

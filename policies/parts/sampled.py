@@ -21,9 +21,9 @@ _OFF = 1e-6  # m, rad, m/s, rad/s: of a derivative
 def check_stable(law: Any, robot: Robot, actuators: Actuators, dt: float) -> None:
     """Raises ValueError, with the spectral radius, where a law's errors grow about a circle on a base."""
     key = (law, id(robot), actuators, dt)
-    if key not in _FOUND:
-        _FOUND[key] = float(np.abs(eigenvalues(law, robot, actuators, dt)).max()), robot
-    if not (radius := _FOUND[key][0]) < 1.0:
+    if key not in _RADII:
+        _RADII[key] = float(np.abs(eigenvalues(law, robot, actuators, dt)).max()), robot
+    if not (radius := _RADII[key][0]) < 1.0:
         raise ValueError(
             f"{type(law).__name__}: errors about a circle grow by {radius:.4g} a control period with these gains on "
             f"{robot.name!r} (lag {actuators.reaction:g} s); it must be less than 1: lower the gains"
@@ -31,7 +31,7 @@ def check_stable(law: Any, robot: Robot, actuators: Actuators, dt: float) -> Non
 
 
 # the robot is kept, so that its id stays its own
-_FOUND: dict[tuple[Any, ...], tuple[float, Robot]] = {}
+_RADII: dict[tuple[Any, ...], tuple[float, Robot]] = {}
 
 
 def eigenvalues(law: Any, robot: Robot, actuators: Actuators, dt: float) -> NDArray[np.complex128]:

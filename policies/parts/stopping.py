@@ -243,7 +243,7 @@ def find_approaching(p, scan, seen, m, i, radius, hits, count):
 
 @any_layout
 @allocating
-def find_approached(scan, poses, ages, radius, found):
+def find_approached(scan, poses, ages, radius, approached):
     """Fills of robots (b,) whether a surface comes nearer by itself, by scans that `find_approaching` has just aged.
 
     Args:
@@ -251,8 +251,8 @@ def find_approached(scan, poses, ages, radius, found):
         ages: (b,) s, of the older scans.
         radius: m, of the hull: what is nearer is not looked at.
     """
-    for i in range(found.shape[0]):
-        found[i] = False
+    for i in range(approached.shape[0]):
+        approached[i] = False
         lines = scan.older[i].copy()
         most = FASTEST * ages[i] * FASTEST * ages[i]
         sine, cosine = sin_cos(poses[i, 2])
@@ -264,7 +264,7 @@ def find_approached(scan, poses, ages, radius, found):
             uy = sine * scan.directions[j, 0] + cosine * scan.directions[j, 1]
             _, rx, ry = step_of_surface(lines, poses[i, 0] + distance * ux, poses[i, 1] + distance * uy, most)
             if -(rx * ux + ry * uy) > MOVED:
-                found[i] = True
+                approached[i] = True
                 break
 
 

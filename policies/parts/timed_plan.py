@@ -92,8 +92,8 @@ def weight_of(p, j, t):
 @inlined
 def wanted_at(p, samples, run, period, j, t):
     """Returns component j of the command that the reference takes in a period."""
-    found = wanted_twist(p.plant, samples[sample_index(run, period)], samples[sample_index(run, period + 1)])
-    return found[2] if j == t - 1 else (found[0] if j == 0 else found[1])
+    twist = wanted_twist(p.plant, samples[sample_index(run, period)], samples[sample_index(run, period + 1)])
+    return twist[2] if j == t - 1 else (twist[0] if j == 0 else twist[1])
 
 
 @compiled

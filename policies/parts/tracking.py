@@ -358,7 +358,7 @@ def note_course(p, seen, track, i):
 
 
 @compiled
-def lay_movers(m, now, wary, told, i, count):
+def lay_movers(m, now, wary, records, i, count):
     """Adds to row i of OBSTACLE records (b, n), of which there are `count`, the discs that move; returns the new count.
 
     A disc turns where it was seen to turn, at either end. Before, it goes on as it does; with `wary` it is there
@@ -372,7 +372,7 @@ def lay_movers(m, now, wary, told, i, count):
         if track.radius == 0.0 or track.moves == 0.0:
             continue
         for later in range(TURNS + 1 if wary and track.turns < 2.0 else 1):
-            each = told[i, count]
+            each = records[i, count]
             count += 1
             each.x = track.place[0]
             each.y = track.place[1]

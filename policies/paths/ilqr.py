@@ -169,11 +169,11 @@ def plan_rows(params, rough, course, motion, plans, command, damping, twists):
             if math.isnan(best):  # of a pose that is no number: the plan is driven on
                 break
             sweep_back(p, damping[i], start[4], plan, laws)
-            found = drive(p, path, start[4], plan, laws, other)
-            if found < best:
+            cost = drive(p, path, start[4], plan, laws, other)
+            if cost < best:
                 plan, other = other, plan
-                gained = best - found
-                best = found
+                gained = best - cost
+                best = cost
                 damping[i] = max(EASIER * damping[i], LEAST)
                 if gained < p.tolerance:
                     break

@@ -276,11 +276,11 @@ class QuadraticProgram:
             u=self.scale * self.arrays.upper,
             Px=share * self.arrays.hessian[self.rows, self.columns],
         )
-        found = solution(self._solver, self.arrays.plan, share * multipliers)
-        if found is None:
+        result = solution(self._solver, self.arrays.plan, share * multipliers)
+        if result is None:
             return False
-        self.arrays.plan[:] = found.x
-        self.multipliers[:] = found.y / share
+        self.arrays.plan[:] = result.x
+        self.multipliers[:] = result.y / share
         return True
 
 

@@ -101,8 +101,8 @@ class AstarTracker(PolylineTracker):
         p = self.params(
             briefing, theta=True, snap=0.3, spacing=2.0, rounds=60, patience_steps=round(self.patience / briefing.dt)
         )
-        told = Map.of(briefing)
-        decide(p, told, observation.pose, observation.goal_heading_error, observation.waypoints_left, memory)
+        map_ = Map.of(briefing)
+        decide(p, map_, observation.pose, observation.goal_heading_error, observation.waypoints_left, memory)
         return self.twists(briefing, memory)
 
 
@@ -112,13 +112,13 @@ def memory_of(briefing: Briefing, more: list[Any]) -> np.dtype[Any]:
     Raises:
         ValueError: if the robots together have no room for them.
     """
-    told = Map.of(briefing)
-    side = max((world_side(told, i) for i in range(briefing.num_envs)), default=0.0)
+    map_ = Map.of(briefing)
+    side = max((world_side(map_, i) for i in range(briefing.num_envs)), default=0.0)
     cells = CELLS[0]
-    if len(told.cells) or side > LARGE_WORLD:
+    if len(map_.cells) or side > LARGE_WORLD:
         cell = max(FINE_CELL, side / (WIDE - 2))
-        if len(told.cells):
-            finest = float(np.min(told.frames["grid_cell"], where=told.frames["grid_cell"] > 0.0, initial=np.inf))
+        if len(map_.cells):
+            finest = float(np.min(map_.frames["grid_cell"], where=map_.frames["grid_cell"] > 0.0, initial=np.inf))
             cell = min(cell, max(FINE_CELL, WIDE_SHARE * finest))
         cells = next((each for each in CELLS if side <= cell * (each - 2)), CELLS[-1])
     kind = np.dtype([*plan_fields(2 * cells), *more, ("grid", np.uint8, (cells, cells))], align=True)
@@ -128,12 +128,12 @@ def memory_of(briefing: Briefing, more: list[Any]) -> np.dtype[Any]:
     return kind
 
 
-def world_side(told: Map, i: int) -> float:
+def world_side(map_: Map, i: int) -> float:
     """Returns the greater side (m) of the box around all of robot i's map, with ROOM around it."""
-    standing = told.obstacles[i, : told.counts[i]]
+    standing = map_.obstacles[i, : map_.counts[i]]
     standing = standing[standing["patrol"]["leg_time"] <= 0.0]
-    goals = told.goals[i, : told.num_goals[i], :2]
-    corners = corners_of(told.frames[i])
+    goals = map_.goals[i, : map_.num_goals[i], :2]
+    corners = corners_of(map_.frames[i])
     x, y, columns, rows = grid_over(standing, np.vstack([goals, corners]), ROOM, 1.0)
     del x, y
     return float(max(columns, rows))
@@ -153,7 +153,7 @@ def corners_of(frame):
 
 @any_layout
 @compiled
-def decide(params, told, poses, heading_errors, waypoints_left, memory):
+def decide(params, map_, poses, heading_errors, waypoints_left, memory):
     """Sets the commands of all robots; plans for those that have not, are off their plan, or are held up."""
     p = params[0]
     for i in range(poses.shape[0]):
@@ -161,9 +161,9 @@ def decide(params, told, poses, heading_errors, waypoints_left, memory):
         x = poses[i, 0]
         y = poses[i, 1]
         pose = x, y, poses[i, 2]
-        first = min(max(told.num_goals[i] - 1 - int(waypoints_left[i]), 0), told.num_goals[i] - 1)
+        first = min(max(map_.num_goals[i] - 1 - int(waypoints_left[i]), 0), map_.num_goals[i] - 1)
         # a leg at a time: a way that turns back at a waypoint has places that lie under each other
-        stops = told.goals[i, first : first + 1, :2]
+        stops = map_.goals[i, first : first + 1, :2]
         due = m.plans == 0
         s = 0.0
         if m.num_points > 0:
@@ -171,7 +171,7 @@ def decide(params, told, poses, heading_errors, waypoints_left, memory):
             due = away > p.astray or m.stuck > 60 or (m.arc[m.num_points - 1] - s < PIECE_END and is_piece(m, stops))
         if due:
             if m.plans == 0:
-                lay_grid(p, m, told, i, x, y)
+                lay_grid(p, m, map_, i, x, y)
             m.stuck = 0
             m.plans += 1
             m.no_path = 0 if plan_with_room(p, m, x, y, stops) else 1
@@ -180,21 +180,21 @@ def decide(params, told, poses, heading_errors, waypoints_left, memory):
             m.arrived = 0
             s = 0.0
         speed_limit = np.inf
-        if any_moves(told.obstacles, i, told.counts[i]) and m.num_points > 0:
+        if any_moves(map_.obstacles, i, map_.counts[i]) and m.num_points > 0:
             time = m.steps * p.plant.dt
-            speed_limit = speed_among(p, m, told, i, s, time)
+            speed_limit = speed_among(p, m, map_, i, s, time)
             m.held_up = m.held_up + 1 if speed_limit < np.inf else 0
             waited = m.steps - m.planned_at
             if m.held_up > p.patience_steps and waited > p.patience_steps and m.arrived == 0:
                 m.planned_at = m.steps
                 m.plans += 1
-                dodge(p, m, told, i, x, y, stops, time)
+                dodge(p, m, map_, i, x, y, stops, time)
                 s, _, _ = project(m, x, y)
-                speed_limit = speed_among(p, m, told, i, s, time)
+                speed_limit = speed_among(p, m, map_, i, s, time)
         if speed_limit <= 0.0 and m.arrived == 1:
             speed_limit = np.inf
         # between its cells the grid can say half a cell less than there is
-        is_goal = first == told.num_goals[i] - 1
+        is_goal = first == map_.num_goals[i] - 1
         track(p, m, pose, heading_errors[i], is_goal, False, speed_limit, -0.5 * m.cell)
         m.steps += 1
 
@@ -243,13 +243,13 @@ def plan_with_room(p, m, x, y, stops):
 
 
 @allocating
-def dodge(p, m, told, i, x, y, stops, time):
+def dodge(p, m, map_, i, x, y, stops, time):
     """Plans robot i's way around what the patrols sweep in a while, or a third of it; without one it keeps its plan."""
     still = m.grid.copy()
     reach = p.plant.hull_radius + p.wanted_clearance + 2.0 * m.cell
     for horizon in (p.patrol_horizon, p.patrol_horizon / 3.0):
-        for j in range(told.counts[i]):
-            o = told.obstacles[i, j]
+        for j in range(map_.counts[i]):
+            o = map_.obstacles[i, j]
             if not moves(o):
                 continue
             after = 0.0
@@ -259,29 +259,29 @@ def dodge(p, m, told, i, x, y, stops, time):
                 if (mx - x) ** 2 + (my - y) ** 2 < 9.0:
                     stamp(m, o, mx - o.x, my - o.y, reach)
                 after += 0.25
-        found = plan_with_room(p, m, x, y, stops)
+        planned = plan_with_room(p, m, x, y, stops)
         assign(m.grid, still)
-        if found:
+        if planned:
             return
 
 
 @allocating
-def lay_grid(p, m, told, i, x, y):
+def lay_grid(p, m, map_, i, x, y):
     """Sets where robot i's grid lies and how wide its cells are, and fills it with what stands."""
     low_x = x
     high_x = x
     low_y = y
     high_y = y
-    for k in range(told.num_goals[i]):
-        low_x = min(low_x, told.goals[i, k, 0])
-        high_x = max(high_x, told.goals[i, k, 0])
-        low_y = min(low_y, told.goals[i, k, 1])
-        high_y = max(high_y, told.goals[i, k, 1])
+    for k in range(map_.num_goals[i]):
+        low_x = min(low_x, map_.goals[i, k, 0])
+        high_x = max(high_x, map_.goals[i, k, 0])
+        low_y = min(low_y, map_.goals[i, k, 1])
+        high_y = max(high_y, map_.goals[i, k, 1])
     # around the outermost obstacles too, but not to the ends of the world
     around = p.surroundings
     bounds = (low_x - around, high_x + around, low_y - around, high_y + around)
-    for j in range(told.counts[i]):
-        o = told.obstacles[i, j]
+    for j in range(map_.counts[i]):
+        o = map_.obstacles[i, j]
         if moves(o):
             continue
         half_x = abs(o.cos) * o.half_length + abs(o.sin) * o.half_width + o.radius
@@ -290,7 +290,7 @@ def lay_grid(p, m, told, i, x, y):
         high_x = max(high_x, min(o.x + half_x, bounds[1]))
         low_y = min(low_y, max(o.y - half_y, bounds[2]))
         high_y = max(high_y, min(o.y + half_y, bounds[3]))
-    frame = told.frames[i]
+    frame = map_.frames[i]
     corners = corners_of(frame)
     for k in range(corners.shape[0]):
         low_x = min(low_x, corners[k, 0])
@@ -304,10 +304,10 @@ def lay_grid(p, m, told, i, x, y):
     m.origin[1] = 0.5 * (low_y + high_y - m.cell * cells)
     if corners.shape[0] > 0:
         fit_grid(m, frame, side, low_x, low_y)
-        fill_grid(m, frame, told.cells)
-    for j in range(told.counts[i]):
-        if not moves(told.obstacles[i, j]):
-            stamp(m, told.obstacles[i, j], 0.0, 0.0, FARTHEST)
+        fill_grid(m, frame, map_.cells)
+    for j in range(map_.counts[i]):
+        if not moves(map_.obstacles[i, j]):
+            stamp(m, map_.obstacles[i, j], 0.0, 0.0, FARTHEST)
 
 
 @compiled
@@ -366,7 +366,7 @@ def stamp(m, o, shift_x, shift_y, reach):
 
 
 @compiled
-def speed_among(p, m, told, i, s, time):
+def speed_among(p, m, map_, i, s, time):
     """Returns the greatest speed (m/s) along the polyline that keeps clear of the patrols; else the clearest."""
     clearest = -np.inf
     best = 0.0
@@ -376,8 +376,8 @@ def speed_among(p, m, told, i, s, time):
         after = 0.0
         while after < p.patrol_horizon:
             px, py = point_at(m, 0, max(s + speed * after, 0.0))
-            for j in range(told.counts[i]):
-                o = told.obstacles[i, j]
+            for j in range(map_.counts[i]):
+                o = map_.obstacles[i, j]
                 if not moves(o):
                     continue
                 mx, my, _, _ = motion_at(o, time + after)

@@ -193,8 +193,8 @@ class PoseProgram:
             u=self.arrays.upper,
             Px=share * self.arrays.hessian[self.rows, self.columns],
         )
-        found = solution(self._solver, *self._none)
-        return None if found is None else np.asarray(found.x)
+        result = solution(self._solver, *self._none)
+        return None if result is None else np.asarray(result.x)
 
 
 # One program serves every robot of its kind in a thread: it holds nothing of theirs from one solution to the next.

@@ -147,12 +147,12 @@ class CorrectedField(GoalLaw):
 
 @any_layout
 @allocating
-def steer(params, told, poses, goals, turns, waypoints_left, memory, twists):
+def steer(params, map_, poses, goals, turns, waypoints_left, memory, twists):
     """Fills the (b, 3) twists of `CorrectedField.act` and keeps the sides up to date."""
     p = params[0]
-    here = np.zeros((1, told.obstacles.shape[1] + 1), told.obstacles.dtype)
+    here = np.zeros((1, map_.obstacles.shape[1] + 1), map_.obstacles.dtype)
     for i in range(poses.shape[0]):
-        count = around(p, told, poses, memory, i, here)
+        count = around(p, map_, poses, memory, i, here)
         sine, cosine = sin_cos(poses[i, 2])
         ex = cosine * goals[i, 0] - sine * goals[i, 1]
         ey = sine * goals[i, 0] + cosine * goals[i, 1]
@@ -175,17 +175,17 @@ def steer(params, told, poses, goals, turns, waypoints_left, memory, twists):
 
 
 @inlined
-def around(p, told, poses, memory, i, here):
+def around(p, map_, poses, memory, i, here):
     """Puts what stands around robot i now into `here`, (1, m), as `obstacles_now` does; returns how many they are."""
     m = memory[i]
-    count = told.counts[i]
+    count = map_.counts[i]
     for j in range(count):
-        here[0, j] = told.obstacles[i, j]
-    if any_moves(told.obstacles, i, count):
+        here[0, j] = map_.obstacles[i, j]
+    if any_moves(map_.obstacles, i, count):
         go_on(here, 0, count, m.steps * p.plant.dt)
         m.steps += 1.0
-    if told.cells.shape[0] > 0:
-        count = nearest_cell(told.frames[i], told.cells, poses[i], here[0], count)
+    if map_.cells.shape[0] > 0:
+        count = nearest_cell(map_.frames[i], map_.cells, poses[i], here[0], count)
     return count
 
 

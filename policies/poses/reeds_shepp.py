@@ -112,15 +112,15 @@ class ReedsShepp(GoalLaw):
         """Returns the twists (b, t), m/s and rad/s."""
         p = params(self, briefing, **self.paced(briefing))
         twists = np.empty((len(observation.pose), 2))
-        told = Map.of(briefing)
+        map_ = Map.of(briefing)
         target = observation.goal, observation.goal_heading_error, observation.waypoints_left
-        drive(p, told, observation.pose, *target, memory, twists)
+        drive(p, map_, observation.pose, *target, memory, twists)
         return unicycle_twists(briefing.robot, twists[:, 0], twists[:, 1])
 
 
 @any_layout
 @compiled
-def drive(params, told, poses, goals, turns, waypoints_left, memory, twists):
+def drive(params, map_, poses, goals, turns, waypoints_left, memory, twists):
     """Fills the (b, 2) speeds and yaw rates of `ReedsShepp.act` and keeps the memory up to date."""
     p = params[0]
     for i in range(poses.shape[0]):
@@ -143,11 +143,11 @@ def drive(params, told, poses, goals, turns, waypoints_left, memory, twists):
             if m.no_path > 0 and m.steps % p.pause_steps != 0.0:
                 continue
             without = m.no_path
-            make_plan(p, told, poses, (gx, gy, turn), m, i)
+            make_plan(p, map_, poses, (gx, gy, turn), m, i)
             if m.no_path > without:
                 m.radius = 0.0  # it stands, rather than drive into what it knows of
                 continue
-        if not goes_on(p, told, m, i, now, poses):
+        if not goes_on(p, map_, m, i, now, poses):
             continue
         twists[i, 0], twists[i, 1] = tracked(p, poses, m, i)
 
@@ -241,9 +241,9 @@ def advance(m, poses, i):
 
 
 @allocating
-def make_plan(p, told, poses, goal, m, i):
+def make_plan(p, map_, poses, goal, m, i):
     """Makes the plan of robot i anew, from where it is to the goal, a pose in its frame."""
-    obstacles, counts = told[:2]
+    obstacles, counts = map_[:2]
     sine, cosine = sin_cos(poses[i, 2])
     at = np.empty(3)
     at[0] = poses[i, 0] + cosine * goal[0] - sine * goal[1]
@@ -263,12 +263,12 @@ def make_plan(p, told, poses, goal, m, i):
     room = min(
         clearance(standing[0], count, at[0], at[1]), clearance(standing[0], count, poses[i, 0], poses[i, 1])
     ) - p.plant.hull_radius  # fmt: skip
-    frames = told.frames[i : i + 1]
-    if told.cells.shape[0] > 0:
-        room = min(room, grid_clearance(frames[0], told.cells, at[0], at[1]) - p.plant.hull_radius)
-        beside = grid_clearance(frames[0], told.cells, poses[i, 0], poses[i, 1]) - p.plant.hull_radius
+    frames = map_.frames[i : i + 1]
+    if map_.cells.shape[0] > 0:
+        room = min(room, grid_clearance(frames[0], map_.cells, at[0], at[1]) - p.plant.hull_radius)
+        beside = grid_clearance(frames[0], map_.cells, poses[i, 0], poses[i, 1]) - p.plant.hull_radius
         room = min(room, beside)
-    field = standing, count, frames, told.cells
+    field = standing, count, frames, map_.cells
     for attempt in range(4):
         radius = p.radius if attempt % 2 == 0 else 0.5 * p.radius
         margin = min(p.margin, room - 0.02) if attempt < 2 else min(0.0, room - 0.02)
@@ -290,39 +290,39 @@ def make_plan(p, told, poses, goal, m, i):
 
 
 @compiled
-def goes_on(p, told, m, i, now, poses):
+def goes_on(p, map_, m, i, now, poses):
     """Returns whether robot i sets off, or drives on: where what moves leaves it its way, or comes to where it is."""
     m.settling = p.settling
-    if not any_moves(told.obstacles, i, told.counts[i]):
+    if not any_moves(map_.obstacles, i, map_.counts[i]):
         return True
     # on a late base at twice the pace, for what leaves a gap does not for long
     late = max(p.preview - p.plant.dt, 1e-9)
     m.settling = max(p.settling, min(2.0 * p.settling, p.speed * late / _STEADY))
     if m.off == 0.0:
         m.begun = m.along
-    if is_passable(p, told, m, i, now):
+    if is_passable(p, map_, m, i, now):
         m.off = 1.0
     elif m.off == 1.0:
         # to stop takes it a little on
         for k in range(_STOOD):
-            for j in range(told.counts[i]):
-                if moves(told.obstacles[i, j]):
-                    ox, oy, _, _ = motion_at(told.obstacles[i, j], now + _LATE * k)
+            for j in range(map_.counts[i]):
+                if moves(map_.obstacles[i, j]):
+                    ox, oy, _, _ = motion_at(map_.obstacles[i, j], now + _LATE * k)
                     apart = math.sqrt((ox - poses[i, 0]) ** 2 + (oy - poses[i, 1]) ** 2)
-                    if apart - told.obstacles[i, j].radius < p.plant.hull_radius + 2.0 * _ROOM:
+                    if apart - map_.obstacles[i, j].radius < p.plant.hull_radius + 2.0 * _ROOM:
                         return True
         m.off = 0.0
     return m.off == 1.0
 
 
 @compiled
-def is_passable(p, told, m, i, now):
+def is_passable(p, map_, m, i, now):
     """Returns whether what moves leaves the robot the rest of its way, if it drives on now.
 
     The robot is taken to be at each place of its plan from a little before to a little after it should be, by the
     speeds of `tracked` and the same acceleration from where it set off.
     """
-    obstacles, counts = told[:2]
+    obstacles, counts = map_[:2]
     needed = p.plant.hull_radius + _ROOM
     time = now + p.preview
     begun = m.begun

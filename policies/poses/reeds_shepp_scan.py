@@ -116,9 +116,9 @@ class ReedsSheppScan(ReedsShepp):
         seen, still = Seen.of(observation, briefing), scan._replace(ranges=scan.ranges.copy())
         lay_hits(p, scan, still, seen, state, shown, counts, standing)
         goals = np.zeros((count, 1, 2)), np.ones(count, np.int64)
-        told = Map(shown, counts, *goals, np.repeat(NO_GRIDS.frames[:1], count), NO_GRIDS.cells)
+        map_ = Map(shown, counts, *goals, np.repeat(NO_GRIDS.frames[:1], count), NO_GRIDS.cells)
         twists = np.empty((count, 2))
-        drive(p, told, standing, observation.pose, observation.goal, observation.goal_heading_error, state, twists)
+        drive(p, map_, standing, observation.pose, observation.goal, observation.goal_heading_error, state, twists)
         return unicycle_twists(briefing.robot, twists[:, 0], twists[:, 1])
 
 
@@ -176,7 +176,7 @@ def lay_hits(params, whole, scan, seen, memory, shown, counts, standing):
 
 @any_layout
 @compiled
-def drive(params, told, standing, poses, goals, turns, memory, twists):
+def drive(params, map_, standing, poses, goals, turns, memory, twists):
     """Fills the (b, 2) speeds and yaw rates of `ReedsSheppScan.act` and keeps the memory up to date."""
     p = params[0]
     for i in range(poses.shape[0]):
@@ -203,16 +203,16 @@ def drive(params, told, standing, poses, goals, turns, memory, twists):
             continue
         twists[i, 1] = 0.0
         lost = m.radius == 0.0 or ended or not advance(m, poses, i)
-        if lost or is_taken(p, told.obstacles, standing[i], m, i, poses):
+        if lost or is_taken(p, map_.obstacles, standing[i], m, i, poses):
             if m.waits == 1.0 and m.steps % p.pause_steps != 0.0:
                 continue
             without = m.no_path
-            make_plan(p, told, poses, (gx, gy, turns[i]), m, i)
+            make_plan(p, map_, poses, (gx, gy, turns[i]), m, i)
             m.waits = 1.0 if m.no_path > without else 0.0
             if m.waits == 1.0:
                 m.radius = 0.0
                 continue
-        if not goes_on(p, told, m, i, now, poses):
+        if not goes_on(p, map_, m, i, now, poses):
             m.waited += p.plant.dt
             continue
         twists[i, 0], twists[i, 1] = tracked(p, poses, m, i)

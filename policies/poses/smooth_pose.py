@@ -19,7 +19,7 @@ from wayfield.policies.parts.steering import Motion, unicycle_twists
 from wayfield.system.compiled import any_layout, compiled, inlined
 from wayfield.system.elementary import bearing, power, sin_cos, wrap_angle
 
-_KEPT = 0.5 * math.pi  # rad, by which the other way must be better to be taken instead
+_HYSTERESIS = 0.5 * math.pi  # rad, by which the other way must be better to be taken instead
 
 MEMORY = np.dtype(
     [
@@ -172,7 +172,7 @@ def chosen_way(p, way, px, py, turn):
     if not p.backward:
         return 1.0
     gain = detour_angle(px, py, turn) - detour_angle(-px, -py, turn)  # of driving backward
-    return -1.0 if gain > way * _KEPT else 1.0
+    return -1.0 if gain > way * _HYSTERESIS else 1.0
 
 
 @any_layout

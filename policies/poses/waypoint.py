@@ -67,20 +67,20 @@ class Waypoint(GoalLaw):
 
 @any_layout
 @compiled
-def drive(params, told, poses, turns, waypoints_left, memory, twists):
+def drive(params, map_, poses, turns, waypoints_left, memory, twists):
     """Fills the (b, 3) twists of `Waypoint.act` and keeps the indices up to date."""
     p = params[0]
     for i in range(poses.shape[0]):
-        last = told.num_goals[i] - 1
+        last = map_.num_goals[i] - 1
         m = memory[i]
         x, y, heading = poses[i]
-        ex = told.goals[i, m.index, 0] - x
-        ey = told.goals[i, m.index, 1] - y
+        ex = map_.goals[i, m.index, 0] - x
+        ey = map_.goals[i, m.index, 1] - y
         passed = waypoints_left[i] < last - m.index  # the task may want it from nearer
         if passed and m.index < last and math.sqrt(ex * ex + ey * ey) < p.switching_radius:
             m.index += 1
-            ex = told.goals[i, m.index, 0] - x
-            ey = told.goals[i, m.index, 1] - y
+            ex = map_.goals[i, m.index, 0] - x
+            ey = map_.goals[i, m.index, 1] - y
         turn = turns[i] if m.index == last else 0.0
         near = math.sqrt(ex * ex + ey * ey) <= m.near and abs(turn) <= m.turn
         rate = 0.0 if m.index == last and near else p.lam

@@ -66,12 +66,12 @@ def plan_rows(params, samples, times, index, observed, memory, twists):
         for _ in range(p.sweeps):
             fill_slopes(p.plant, plan)
             sweep_back(p, damping, plan, laws)
-            found = drive(p, samples, run, period, plan, laws, other)
-            if not found < best:
+            cost = drive(p, samples, run, period, plan, laws, other)
+            if not cost < best:
                 damping = max(HARDER * damping, 1.0)
                 continue
             plan, other = other, plan
-            gained, best = best - found, found
+            gained, best = best - cost, cost
             damping *= EASIER
             if gained < p.tolerance * best:
                 break

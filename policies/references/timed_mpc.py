@@ -94,8 +94,8 @@ class QuadraticProgram:
             u=self.scale * self.arrays.upper,
             Px=share * self.arrays.hessian[self.rows, self.columns],
         )
-        found = solution(self._solver, np.zeros(len(self.arrays.gradient)), np.zeros(len(self.scale)))
-        return None if found is None else np.asarray(found.x).reshape(self.shape)
+        result = solution(self._solver, np.zeros(len(self.arrays.gradient)), np.zeros(len(self.scale)))
+        return None if result is None else np.asarray(result.x).reshape(self.shape)
 
 
 # One program serves every robot of its kind in a thread: it holds nothing of theirs from one solution to the next.

@@ -77,10 +77,10 @@ class TvLqr(Gains):
         weights = np.array([self.q_place, self.q_place, self.q_heading])
         prices = np.array([self.r_speed, self.r_speed, self.r_turn])
         each, whose = np.unique(reference.which, return_inverse=True)
-        found = [
+        gains = [
             regulator(reference.samples, reference.times[k : k + 1], base, holonomic, weights, prices) for k in each
         ]
-        return np.concatenate(found), np.cumsum([0, *map(len, found[:-1])])[whose]
+        return np.concatenate(gains), np.cumsum([0, *map(len, gains[:-1])])[whose]
 
 
 # by policy, references and robots' places among them; the references are kept, so that their ids stay theirs

@@ -162,7 +162,7 @@ def best_twist(p, m, costs, grids, pose, now):
     Where none is legal that is standstill, and the score ILLEGAL.
 
     Args:
-        told: the plan's cells, the nose's cell, the goal, and whether the nose shall keep to the plan.
+        grids: the plan's cells, the nose's cell, the goal, and whether the nose shall keep to the plan.
     """
     slow, fast = reachable(now[0], p.acceleration, p.horizon, 0.0, p.max_speed)
     right, left = reachable(now[2], p.yaw_acceleration, p.horizon, -p.max_yaw_rate, p.max_yaw_rate)
@@ -289,15 +289,15 @@ def nose_cell(p, m, points, pose, goal):
 def nearest(cells, row, column):
     """Returns how many cells, along both axes, that of the plan lies away that is nearest as the crow flies."""
     least = np.inf
-    found = 0
+    steps = 0
     for k in range(cells.shape[0]):
         dr = cells[k, 0] - row
         dc = cells[k, 1] - column
         squared = dr * dr + dc * dc
         if squared < least:
             least = squared
-            found = abs(dr) + abs(dc)
-    return found
+            steps = abs(dr) + abs(dc)
+    return steps
 
 
 # What it remembers.

@@ -130,13 +130,13 @@ class Samples(NamedTuple):
     def of(cls, noise: NDArray[np.float64]) -> "Samples":
         """Returns the samples of some noise, in arrays that the calling thread keeps: to make them anew took as long
         as to fill them."""
-        held: Samples | None = getattr(_kept, "samples", None)
+        held: Samples | None = getattr(_of_thread, "samples", None)
         if held is None or held.noise is not noise:
-            held = _kept.samples = cls(noise, np.empty_like(noise), np.empty_like(noise), np.empty(len(noise)))
+            held = _of_thread.samples = cls(noise, np.empty_like(noise), np.empty_like(noise), np.empty(len(noise)))
         return held
 
 
-_kept = threading.local()
+_of_thread = threading.local()
 
 
 @functools.lru_cache(maxsize=8)
@@ -195,16 +195,16 @@ def optimise(p, m, costs_of, points, state, samples, now):
         state: pose, goal, and the way (m) left.
         now: the twist that samples start from.
     """
-    found = False
+    judged = False
     for _ in range(2 if points.shape[0] > 0 else 0):
         m.sequence[0, 0], m.sequence[0, 1], m.sequence[0, 2] = now
         roll_out(p, m.sequence, samples, now, state[0])
-        found = judge(p, m, costs_of, points, state, samples)
-        if found:
+        judged = judge(p, m, costs_of, points, state, samples)
+        if judged:
             break
         m.sequence[:] = 0.0
         m.history[:] = 0.0
-    if not found:
+    if not judged:
         return False
     add_control_cost(p, m.sequence, samples)
     average(p.temperature, samples, m.sequence)
@@ -380,15 +380,15 @@ def farthest_reached(points, places):
     last = places.shape[1] - 1
     for k in range(places.shape[0]):
         nearest = np.inf
-        found = 0
+        place = 0
         for j in range(points.shape[0]):
             dx = points[j, 0] - places[k, last, 0]
             dy = points[j, 1] - places[k, last, 1]
             d = dx * dx + dy * dy
             if d < nearest:
                 nearest = d
-                found = j
-        farthest = max(farthest, found)
+                place = j
+        farthest = max(farthest, place)
     return farthest
 
 

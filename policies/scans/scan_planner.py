@@ -348,18 +348,18 @@ def evade(p, m, scan, seen, i, approached):
 def bar_gap(m, table, narrow):
     """Bars the narrowest place of the next metre of the polyline, if it has less than `narrow` clearance (m)."""
     least = narrow
-    found = -1
+    gap = -1
     for k in range(m.segment + 1, m.num_points):
         if m.arc[k] > m.arc[m.segment] + 1.0:
             break
         clearance = clearance_at(m, m.points[k, 0], m.points[k, 1])
         if clearance < least:
             least = clearance
-            found = k
-    if found >= 0:
+            gap = k
+    if gap >= 0:
         size = m.evidence.shape[0]
-        row = min(max(int((m.points[found, 1] - m.origin[1]) / m.cell), 0), size - 1)
-        column = min(max(int((m.points[found, 0] - m.origin[0]) / m.cell), 0), size - 1)
+        row = min(max(int((m.points[gap, 1] - m.origin[1]) / m.cell), 0), size - 1)
+        column = min(max(int((m.points[gap, 0] - m.origin[0]) / m.cell), 0), size - 1)
         m.evidence[row, column] = BARRED
         mark(m, table, row, column, SUB * SUB // 2 + SUB // 2)
 

@@ -486,8 +486,8 @@ def pulled_straight(way, walls, grid, memory, done, apart):
     faster than before, and waiting becomes driving slowly.
     """
     at, xs, ys = way
-    kept = np.empty(at.shape[0], np.int64)
-    kept[0] = 0
+    corners = np.empty(at.shape[0], np.int64)
+    corners[0] = 0
     count = 1
     here = 0
     while here < at.shape[0] - 1:
@@ -500,9 +500,9 @@ def pulled_straight(way, walls, grid, memory, done, apart):
                 break
             to -= 1
         here = to
-        kept[count] = here
+        corners[count] = here
         count += 1
-    return at[kept[:count]], xs[kept[:count]], ys[kept[:count]]
+    return at[corners[:count]], xs[corners[:count]], ys[corners[:count]]
 
 
 @inlined

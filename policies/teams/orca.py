@@ -141,20 +141,20 @@ def tracking_drift(angle):
 
 @any_layout
 @allocating
-def decide(params, told, seen, memory, twists):
+def decide(params, map_, seen, memory, twists):
     """Fills the (b, 3) twists of `Orca`, m/s and rad/s.
 
     Beside the gains: `perturbation` with its side, and `tracking_error` 0 for an omni base.
     """
     p = params[0]
-    most = most_lines(told)
+    most = most_lines(map_)
     lines = np.empty((most, 3))
     scratch = np.empty((most, 3))
     forward = np.empty(twists.shape[0])
     for i in range(twists.shape[0]):
         m = memory[i]
-        total, hard = fill_lines(p, told, seen.poses, seen.twists, i, m.steps * p.plant.dt, lines, forward)
-        wanted_x, wanted_y = wanted(p, m, told, seen, i)
+        total, hard = fill_lines(p, map_, seen.poses, seen.twists, i, m.steps * p.plant.dt, lines, forward)
+        wanted_x, wanted_y = wanted(p, m, map_, seen, i)
         ux, uy = best_velocity(lines, total, hard, p.max_speed, wanted_x, wanted_y, scratch)
         m.steps += 1
         sine, cosine = sin_cos(seen.poses[i, 2])
@@ -164,9 +164,9 @@ def decide(params, told, seen, memory, twists):
 
 
 @inlined
-def most_lines(told):
+def most_lines(map_):
     """Returns how many half-planes `fill_lines` leaves at most."""
-    return told.obstacles.shape[1] + (1 + LOOKS_AROUND if told.cells.shape[0] > 0 else 0)
+    return map_.obstacles.shape[1] + (1 + LOOKS_AROUND if map_.cells.shape[0] > 0 else 0)
 
 
 @inlined
@@ -195,7 +195,7 @@ def followed(p, seen, i, ux, uy, forward):
 
 
 @compiled
-def wanted(p, m, told, seen, i):
+def wanted(p, m, map_, seen, i):
     """Returns the velocity (m/s, world frame) that robot i would drive were it alone."""
     sine, cosine = sin_cos(seen.poses[i, 2])
     # where to, and how far that way is
@@ -203,14 +203,14 @@ def wanted(p, m, told, seen, i):
     to_y = sine * seen.goals[i, 0] + cosine * seen.goals[i, 1]
     way = math.sqrt(to_x**2 + to_y**2)
     if p.roadmap:
-        to_x, to_y, way = along_the_way(p, m, told, i, seen.poses, seen.waypoints_left[i], to_x, to_y)
+        to_x, to_y, way = along_the_way(p, m, map_, i, seen.poses, seen.waypoints_left[i], to_x, to_y)
     speed = min(p.k * way, p.max_speed) / max(math.sqrt(to_x**2 + to_y**2), 1e-12)
     turn_s, turn_c = sin_cos(p.perturbation * min(way, 1.0))
     return speed * (turn_c * to_x - turn_s * to_y), speed * (turn_s * to_x + turn_c * to_y)
 
 
 @compiled
-def along_the_way(p, m, told, i, poses, waypoints_left, goal_x, goal_y):
+def along_the_way(p, m, map_, i, poses, waypoints_left, goal_x, goal_y):
     """Returns (x, y, length): from robot i to the place on its way that it drives at, and the way left, m, world frame.
 
     Plans the way where there is none to the next goal yet, or the robot has left it. goal_x, goal_y: from the robot to
@@ -218,8 +218,8 @@ def along_the_way(p, m, told, i, poses, waypoints_left, goal_x, goal_y):
     """
     x = poses[i, 0]
     y = poses[i, 1]
-    nth = min(max(told.num_goals[i] - 1 - int(waypoints_left), 0), told.num_goals[i] - 1)
-    stops = told.goals[i, nth : nth + 1, :2]
+    nth = min(max(map_.num_goals[i] - 1 - int(waypoints_left), 0), map_.num_goals[i] - 1)
+    stops = map_.goals[i, nth : nth + 1, :2]
     due = m.plans == 0 or m.planned_at != nth
     s = 0.0
     if m.num_points > 0 and not due:
@@ -227,7 +227,7 @@ def along_the_way(p, m, told, i, poses, waypoints_left, goal_x, goal_y):
         due = away > ASTRAY
     if due:
         if m.plans == 0:
-            lay_grid(p, m, told, i, x, y)
+            lay_grid(p, m, map_, i, x, y)
         m.plans += 1
         m.planned_at = nth
         m.no_path = 0 if plan_with_room(p, m, x, y, stops) else 1
@@ -260,7 +260,7 @@ def in_sight(p, m, x, y, dx, dy):
 
 
 @inlined
-def fill_lines(p, told, poses, measured, i, time, lines, forward):
+def fill_lines(p, map_, poses, measured, i, time, lines, forward):
     """Fills the half-planes of robot i, rows (nx, ny, b) in the world frame, and the speed at which it may drive ahead.
 
     Returns how many they are, and how many of them belong to what stands: these come first, since standstill keeps
@@ -277,8 +277,8 @@ def fill_lines(p, told, poses, measured, i, time, lines, forward):
     hard = 0
     forward[i] = p.max_speed
     for kind in range(2):
-        for j in range(told.counts[i]):
-            obstacle = told.obstacles[i, j]
+        for j in range(map_.counts[i]):
+            obstacle = map_.obstacles[i, j]
             moving = moves(obstacle)
             if moving != (kind == 1):
                 continue
@@ -313,14 +313,14 @@ def fill_lines(p, told, poses, measured, i, time, lines, forward):
             lines[total, 2] = b + nx * o_vx + ny * o_vy
             total += 1
         if kind == 0:
-            if told.cells.shape[0] > 0:
-                total = fill_grid_lines(p, told, (x, y, sine, cosine), (vx, vy), i, lines, total, forward)
+            if map_.cells.shape[0] > 0:
+                total = fill_grid_lines(p, map_, (x, y, sine, cosine), (vx, vy), i, lines, total, forward)
             hard = total
     return total, hard
 
 
 @compiled
-def fill_grid_lines(p, told, at, velocity, i, lines, total, forward):
+def fill_grid_lines(p, map_, at, velocity, i, lines, total, forward):
     """Fills the half-planes that the grid leaves robot i behind `total` others; returns how many there are then.
 
     The nearest place that is occupied counts as a wall, and what is seen in some directions around as points.
@@ -330,13 +330,13 @@ def fill_grid_lines(p, told, at, velocity, i, lines, total, forward):
         velocity: m/s, world frame.
     """
     x, y, sine, cosine = at
-    frame = told.frames[i]
+    frame = map_.frames[i]
     room = p.plant.hull_radius + p.margin
     radius = room + p.tracking_error
-    distance = grid_clearance(frame, told.cells, x, y)
+    distance = grid_clearance(frame, map_.cells, x, y)
     if distance > p.sensing_radius:
         return total
-    nx, ny = grid_normal(frame, told.cells, x, y)
+    nx, ny = grid_normal(frame, map_.cells, x, y)
     lines[total, 0] = nx
     lines[total, 1] = ny
     lines[total, 2] = min((radius - distance) / (p.wall_horizon if distance > radius else p.recovery), 0.0)
@@ -350,7 +350,7 @@ def fill_grid_lines(p, told, at, velocity, i, lines, total, forward):
         uy, ux = sin_cos(2.0 * math.pi * k / LOOKS_AROUND)
         du = frame.grid_cos * ux + frame.grid_sin * uy
         dv = frame.grid_cos * uy - frame.grid_sin * ux
-        seen = grid_ray(frame, told.cells, u, v, du, dv, reach)
+        seen = grid_ray(frame, map_.cells, u, v, du, dv, reach)
         if seen >= reach:
             continue
         away = seen * frame.grid_cell

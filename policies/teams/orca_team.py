@@ -180,15 +180,15 @@ def pace(pose, bodies):
     if bodies.shape[0] < 2 or bodies[1, 6] < 0.5:
         return 0.0
     sine, cosine = sin_cos(pose[2])
-    found = 1.0
+    share = 1.0
     for j in range(2):
         x = bodies[j, 0]
         y = bodies[j, 1]
         dx = cosine * x - sine * y
         dy = sine * x + cosine * y
-        found -= _SLOWER if dx < 0.0 or (dx == 0.0 and dy < 0.0) else 0.0
+        share -= _SLOWER if dx < 0.0 or (dx == 0.0 and dy < 0.0) else 0.0
     apart = math.sqrt(bodies[0, 0] ** 2 + bodies[0, 1] ** 2) - math.sqrt(bodies[1, 0] ** 2 + bodies[1, 1] ** 2)
-    return found if abs(apart) < _ALIKE else 1.0
+    return share if abs(apart) < _ALIKE else 1.0
 
 
 @compiled
@@ -198,7 +198,7 @@ def order_at_door(p, pose, goal, bodies):
     Both see the same two places, so that they agree without a word: the first in the order of (x, y) gives way.
     """
     nearest = 2.0 * p.plant.hull_radius + _BLOCKS
-    found = 0
+    order = 0
     sine, cosine = sin_cos(pose[2])
     for j in range(bodies.shape[0]):
         x = bodies[j, 0]
@@ -209,8 +209,8 @@ def order_at_door(p, pose, goal, bodies):
             nearest = distance
             dx = cosine * x - sine * y
             dy = sine * x + cosine * y
-            found = 1 if dx > 0.0 or (dx == 0.0 and dy > 0.0) else -1
-    return found
+            order = 1 if dx > 0.0 or (dx == 0.0 and dy > 0.0) else -1
+    return order
 
 
 @any_layout

@@ -60,14 +60,14 @@ class OrcaTeamMap(OrcaTeam):
 
 @any_layout
 @allocating
-def find_targets(params, told, poses, goals, waypoints_left, memory, targets):
+def find_targets(params, map_, poses, goals, waypoints_left, memory, targets):
     """Fills the (b, 2) targets of `OrcaTeamMap`, body frame, m: on its way, as far off as that is long."""
     p = params[0]
     for i in range(poses.shape[0]):
         sine, cosine = sin_cos(poses[i, 2])
         x = cosine * goals[i, 0] - sine * goals[i, 1]
         y = sine * goals[i, 0] + cosine * goals[i, 1]
-        x, y, way = along_the_way(p, memory[i], told, i, poses, waypoints_left[i], x, y)
+        x, y, way = along_the_way(p, memory[i], map_, i, poses, waypoints_left[i], x, y)
         scale = way / max(math.sqrt(x * x + y * y), 1e-12)
         targets[i, 0] = scale * (cosine * x + sine * y)
         targets[i, 1] = scale * (cosine * y - sine * x)

@@ -83,8 +83,8 @@ def draw_robots(count: int, holonomic: bool, seed: int = SEED) -> list[Drawn]:
 def _drawn(k: int, strata: Mapping[str, float], holonomic: bool, rng: np.random.Generator) -> Drawn:
     hull, speed, way = (_between(name, share) for name, share in strata.items())
     lag = min(rng.uniform(*RANGES["lag"]), 0.6 * way / speed)
-    acceleration = _kept("acceleration", 0.5 * speed * speed / (way - speed * lag))
-    yaw_acceleration = _kept("yaw_acceleration", 3.0 * acceleration * rng.uniform(0.6, 1.6))
+    acceleration = _clipped("acceleration", 0.5 * speed * speed / (way - speed * lag))
+    yaw_acceleration = _clipped("yaw_acceleration", 3.0 * acceleration * rng.uniform(0.6, 1.6))
     top, yaw_rate = speed / 0.94 * rng.uniform(1.0, 1.4), rng.uniform(*RANGES["yaw_rate"])
     view = FULL_TURN if rng.random() < 0.75 else rng.uniform(*RANGES["view"])
     sensors = Sensors(int(rng.choice(BEAMS)), float(rng.choice(REACHES)), float(view))
@@ -104,7 +104,7 @@ def _between(name: str, share: float) -> float:
     return float(low * (high / low) ** share)
 
 
-def _kept(name: str, value: float) -> float:
+def _clipped(name: str, value: float) -> float:
     return float(np.clip(value, *RANGES[name]))
 
 

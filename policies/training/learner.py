@@ -49,7 +49,7 @@ class Learner(abc.ABC):
         self.teaching: Teaching | None = None  # while it is not over
         self.seconds = dict.fromkeys(("imitation", "environment", "rollout policy", "update", "validation"), 0.0)
         self.env = make_worlds(preset, env_id)
-        frames, named = self._kept()
+        frames, named = self._retained()
         inputs = frames * self.env.perception.num_inputs
         if inputs > MOST_INPUTS:
             raise ValueError(f"{named} x inputs is {inputs}; that is kept in memory, at most {MOST_INPUTS} numbers")
@@ -69,7 +69,7 @@ class Learner(abc.ABC):
         """Makes the algorithm."""
 
     @abc.abstractmethod
-    def _kept(self) -> tuple[int, str]:
+    def _retained(self) -> tuple[int, str]:
         """Returns how many inputs of a network are kept to learn from, and what that is the product of."""
 
     @abc.abstractmethod
@@ -239,7 +239,7 @@ class PpoLearner(Learner):
             numbers = prior.imitation, prior.imitation_rate, self.seed, prior.lessons
             self.teaching = Teaching(self.ppo, self.env, None if prior.begins else preset.controller_at, *numbers)
 
-    def _kept(self) -> tuple[int, str]:
+    def _retained(self) -> tuple[int, str]:
         return self.preset.frames_per_update, "num_envs x horizon"
 
     def teach(self) -> Iterator[int]:

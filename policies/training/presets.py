@@ -868,15 +868,15 @@ def _new(owner: Any, value: Any, key: str, names: list[str], text: str) -> Any:
 
 def settable(preset: Preset) -> dict[str, Gain]:
     """Returns every key that `overridden` takes, parts' fields with their dots, with its value in the preset."""
-    found: dict[str, Gain] = {}
+    settings: dict[str, Gain] = {}
     for name in _known(preset):
         *inside, field = _path(preset, name)
         owner = preset.learning.algorithm if inside else _owner(preset, field)
         if dataclasses.is_dataclass(part := getattr(owner, field)):
-            found |= {f"{name}.{key}": each for key, each in gains_of(part).items()}
+            settings |= {f"{name}.{key}": each for key, each in gains_of(part).items()}
         else:
-            found[name] = gains_of(owner)[field]
-    return found
+            settings[name] = gains_of(owner)[field]
+    return settings
 
 
 def _fields(owner: Any) -> list[str]:

@@ -204,7 +204,7 @@ class _Begun(NamedTuple):
     row: dict[str, float]  # of the curve, as far as it is known
     logged: Mapping[str, float]
     state: checkpoints.State  # of the run, when it began
-    found: concurrent.futures.Future[tuple[dict[str, Any], list[Score], list[dict[str, Any]]]]
+    outcome: concurrent.futures.Future[tuple[dict[str, Any], list[Score], list[dict[str, Any]]]]
 
 
 class _Run:
@@ -268,7 +268,7 @@ class _Run:
                 self._settle(report)
                 self._validate(logged)
             waits = self._waits or self.updates == self.total
-            if self._begun and (waits or self._begun.found.done()):
+            if self._begun and (waits or self._begun.outcome.done()):
                 self._settle(report)
             else:
                 report(self._report(None))
@@ -333,9 +333,9 @@ class _Run:
         card = self._card(layers, {}, [], {})
         agent = Agent(network, preset.features, preset.actions, card, preset.worlds.speed, preset.base)
         row = {"frames": float(self.learner.frames), "updates": float(self.updates), "seconds": round(self.seconds, 1)}
-        self._begun = _Begun(layers, row, logged, self._state(), self._beside.submit(self._found, agent))
+        self._begun = _Begun(layers, row, logged, self._state(), self._beside.submit(self._measured, agent))
 
-    def _found(self, agent: Agent) -> tuple[dict[str, Any], list[Score], list[dict[str, Any]]]:
+    def _measured(self, agent: Agent) -> tuple[dict[str, Any], list[Score], list[dict[str, Any]]]:
         """Returns how fast an agent drives, where that is asked, its scores, and those as a card has them."""
         result = cruises(agent) if self.preset.worlds.paced else {}
         agent = dataclasses.replace(agent, card={**agent.card, "cruises": result})
@@ -349,9 +349,9 @@ class _Run:
         """Waits for the validation that was begun, if any, notes what it found, and saves the state of that time."""
         if self._begun is None:
             return
-        (layers, row, logged, state, found), self._begun = self._begun, None
+        (layers, row, logged, state, outcome), self._begun = self._begun, None
         began = time.perf_counter()
-        result, scores, measured = found.result()
+        result, scores, measured = outcome.result()
         took = time.perf_counter() - began
         self.learner.seconds["validation"] += took
         self.seconds += took

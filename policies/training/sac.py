@@ -24,9 +24,9 @@ def squashed(modules: Iterable[torch.nn.Module]) -> Layers:
 
     That is a tanh as those before: so they are a hidden layer more, and the last one passes them on.
     """
-    found = layers_of(modules)
-    size = len(found[-1][1])
-    return [*found, (np.eye(size, dtype=np.float32), np.zeros(size, np.float32))]
+    layers = layers_of(modules)
+    size = len(layers[-1][1])
+    return [*layers, (np.eye(size, dtype=np.float32), np.zeros(size, np.float32))]
 
 
 class SacLearner(Learner):
@@ -61,7 +61,7 @@ class SacLearner(Learner):
             verbose=0,
         )
 
-    def _kept(self) -> tuple[int, str]:
+    def _retained(self) -> tuple[int, str]:
         assert isinstance(self.preset.learning.algorithm, Sac)
         return 2 * self.preset.learning.algorithm.buffer_size, "2 x sac.buffer_size"  # before a step and after it
 

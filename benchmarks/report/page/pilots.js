@@ -61,13 +61,13 @@ class Law {
     this.recipe = recipe;
     const { kernels } = simulator;
     this.course = recipe.smooth ? simulator.smoothed(recipe.smooth === "ends") : null;
-    const told = { ...simulator.told, ...this.course };
+    const briefing = { ...simulator.briefing, ...this.course };
     this.values = {};
     this.inputs = [];
     this.fresh = []; // zeros at every decision
     for (const each of recipe.arguments) {
       if (each.role === "number") this.values[each.name] = each.value;
-      else if (each.role.startsWith("told.")) this.values[each.name] = told[each.role.slice(5)];
+      else if (each.role.startsWith("briefing.")) this.values[each.name] = briefing[each.role.slice(9)];
       else if (each.role.startsWith("seen.")) {
         const size = each.shape.reduce((a, b) => a * b, 1);
         const place = { at: kernels.room(8 * size), shape: each.shape, size };
@@ -481,7 +481,7 @@ class Planned {
     const { simulator: { kernels, seen }, planner: { values }, recipe: { alone } } = this;
     const { at } = values.memory;
     const { fields } = alone;
-    kernels.call("stopping_find_approached", { ...values, poses: values["seen.poses"], ages: { at: at + fields.older_age[0], shape: [1] }, radius: alone.radius, found: this.flag });
+    kernels.call("stopping_find_approached", { ...values, poses: values["seen.poses"], ages: { at: at + fields.older_age[0], shape: [1] }, radius: alone.radius, approached: this.flag });
     this.approached = new Uint8Array(kernels.memory.buffer)[this.flag.at] ? this.approached + 1 : 0;
     const number = ([offset, kind], k = 0) => Number(new KINDS[kind](kernels.memory.buffer, at + offset, k + 1)[k]);
     const last = Math.max(number(fields.num_points) - 1, 0);

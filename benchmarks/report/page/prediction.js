@@ -21,7 +21,7 @@ class Predicted {
     Object.assign(this, { sent: room(1, late.requested + 3), scratch: room(1, late.requested + 3), twists: room(1, 3), steps: room(1, 3), pose: room(1, 3), goal: room(1, 2), turn: room(1) });
     if (preview) Object.assign(this, { arc: room(1), error: room(1), preview: room(1, preview.length / 2, 2) });
     if (ranges && ranges.length > 1) Object.assign(this, { beams: { at: kernels.put(kernels.blob(this.own.beams)), shape: [ranges.length, 2] }, scan: room(1, ranges.length), ranges: room(1, ranges.length) });
-    this.told = preview ? simulator.told : null;
+    this.briefing = preview ? simulator.briefing : null;
   }
 
   numbers({ at, size }) {
@@ -49,7 +49,7 @@ class Predicted {
     if (this.preview) {
       const fields = { arc: "arc_length", error: "cross_track_error", turn: "heading_error", preview: "preview" };
       for (const [name, field] of Object.entries(fields)) this.numbers(this[name]).set(seen[field]);
-      kernels.call("late_follow", { "course.vertices": this.told.vertices, "course.runs": this.told.runs, "course.path_index": this.told.path_index, spacing: this.own.spacing,
+      kernels.call("late_follow", { "course.vertices": this.briefing.vertices, "course.runs": this.briefing.runs, "course.path_index": this.briefing.path_index, spacing: this.own.spacing,
         poses: this.pose, arc_lengths: this.arc, errors: this.error, heading_errors: this.turn, preview: this.preview });
       for (const [name, field] of Object.entries(fields)) moved[field].set(this.numbers(this[name]));
       return moved;

@@ -351,7 +351,7 @@ class Simulator {
   }
 
   // What a policy may be told, by the name that recipes use.
-  get told() {
+  get briefing() {
     const { arrays, row = 0 } = this;
     const index = () => { this.zero = this.zero || { at: this.kernels.room(8), shape: [1] }; this.kernels.i64(this.zero.at, 1)[0] = 0n; return this.zero; };
     if (this.world.kind === "path") return { vertices: arrays.vertices, runs: arrays.runs, path_index: index() };
