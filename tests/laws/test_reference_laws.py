@@ -13,8 +13,10 @@ from wayfield.envs.robots import ROBOTS
 from wayfield.envs.robots.kinematics import integrate_arc
 from wayfield.envs.robots.records import lag_factors
 from wayfield.envs.scenarios import TASKS, split
+from wayfield.envs.scenarios.reference_families import ReferenceScenario
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.envs.trajectory_tracking import Observation
+from wayfield.envs.world.paths import Path
 from wayfield.policies import Pilot, make
 from wayfield.policies.parts.sampled import eigenvalues
 
@@ -112,19 +114,21 @@ def test_gains_with_which_errors_grow_are_refused_with_the_number() -> None:
         Pilot(make("samson", zeta=1.1, b=1e4), env).reset()
 
 
+def critical(t: Any) -> Any:
+    return (1.0 + 1.5 * t) * np.exp(-1.5 * t)
+
+
 @pytest.mark.parametrize(
     ("law", "decay", "off"),
     [
-        (make("offset_point", b=0.2, k=1.5, lead=False), lambda t: math.exp(-1.5 * t), (6.34, 1.27, 0.253)),
-        (
-            make("feedback_linear", a=1.5, zeta=1.0, lead=False),
-            lambda t: (1.0 + 1.5 * t) * math.exp(-1.5 * t),
-            (6.56, 1.30, 0.259),
-        ),
+        (make("offset_point", b=0.2, k=1.5, lead=False), lambda t: np.exp(-1.5 * t), 12e-3),
+        (make("feedback_linear", a=1.5, zeta=1.0, lead=False), critical, 8e-3),
+        # half a period is most of the rest: a speed that is integrated before it is sent is late by a whole one
+        (make("feedback_linear", a=1.5, zeta=1.0), critical, 1e-3),
     ],
-    ids=["offset_point", "feedback_linear"],
+    ids=["offset_point", "feedback_linear", "feedback_linear with lead"],
 )
-def test_errors_decay_at_the_rate_of_the_law_and_the_rest_is_of_first_order(law: Any, decay: Any, off: Any) -> None:
+def test_errors_decay_at_the_rate_of_the_law_and_the_rest_is_of_first_order(law: Any, decay: Any, off: float) -> None:
     found = []
     b = getattr(law, "b", 0.0)
     for dt in (0.05, 0.01):
@@ -132,9 +136,9 @@ def test_errors_decay_at_the_rate_of_the_law_and_the_rest_is_of_first_order(law:
         points = [poses[:, :2] + b * np.column_stack([np.cos(poses[:, 2]), np.sin(poses[:, 2])])
                   for poses in (driven, there)]  # fmt: skip
         errors = points[1] - points[0]
-        wanted = np.array([decay(k * dt) for k in range(len(errors))])
-        found.append(np.abs(np.linalg.norm(errors, axis=1) - wanted * np.linalg.norm(errors[0])).max())
-    assert found[0] < 2.0e-3 * off[0]
+        wanted = decay(dt * np.arange(len(errors)))[:, None] * errors[0]
+        found.append(np.linalg.norm(errors - wanted, axis=1).max())
+    assert found[0] < off
     assert found[0] / found[1] == pytest.approx(5.0, rel=0.08)
 
 
@@ -160,19 +164,44 @@ def test_kanayama_leaves_a_turn_on_the_spot_as_it_is_and_backstepping_does_not()
         assert turn == pytest.approx(left, abs=1e-6)
 
 
-def test_backstepping_takes_its_function_down_as_fast_as_it_says() -> None:
-    law = make("backstepping", k3=0.5, lead=False)  # of k3 as searched little would be seen
+def kanayama_falls(law: Any, e: Any, w: Any) -> tuple[Any, Any]:
+    x, y, turn = e
+    v = 0.5 * (x * x + y * y) + (1.0 - np.cos(turn)) / law.k_y
+    return v, -law.k_x * x * x - 0.6 * law.k_th / law.k_y * np.sin(turn) ** 2
+
+
+def samson_falls(law: Any, e: Any, w: Any) -> tuple[Any, Any]:
+    x, y, turn = e
+    k = 2.0 * law.zeta * 0.6 * math.sqrt(1.0 + law.b)
+    return 0.5 * law.b * (x * x + y * y) + 0.5 * turn * turn, -k * law.b * x * x - k * turn * turn
+
+
+def backstepping_falls(law: Any, e: Any, w: Any) -> tuple[Any, Any]:
+    x, y, turn = e
+    x = x - law.k3 * w * y
+    v = 0.5 * (x * x + y * y + turn * turn / law.g)
+    return v, -law.k4 * x * x - law.k3 * w * w * y * y - law.k_th * turn * turn / law.g
+
+
+@pytest.mark.parametrize(
+    ("law", "falls", "start"),
+    [
+        (make("kanayama", lead=False), kanayama_falls, (-0.6, 0.5, 2.8)),
+        (make("samson", lead=False), samson_falls, (-0.6, 0.5, 2.8)),
+        # of k3 as searched little would be seen; from farther off it turns too fast for the step of a difference
+        (make("backstepping", k3=0.5, lead=False), backstepping_falls, (0.2, -0.3, 0.4)),
+    ],
+    ids=["kanayama", "samson", "backstepping"],
+)
+def test_functions_of_lyapunov_fall_as_fast_as_they_say(law: Any, falls: Any, start: Pose) -> None:
     dt = 1e-3
-    driven, there = drive(law, (0.2, -0.3, 0.4), 2.0, dt)
+    driven, there = drive(law, start, 1.5, dt)
     turn = np.array([math.remainder(each, 2.0 * math.pi) for each in there[:, 2] - driven[:, 2]])
     dx, dy = (there - driven)[:, :2].T
     c, s = np.cos(driven[:, 2]), np.sin(driven[:, 2])
-    ex, ey = c * dx + s * dy, c * dy - s * dx
-    w = 0.6 + law.g * 0.6 * ey * np.sinc(turn / np.pi) + law.k_th * turn
-    x = ex - law.k3 * w * ey
-    v = 0.5 * x * x + 0.5 * ey * ey + 0.5 * turn * turn / law.g
-    falls = -law.k4 * x * x - law.k3 * w * w * ey * ey - law.k_th * turn * turn / law.g
-    assert np.abs(np.diff(v) / dt - falls[:-1]).max() < 0.005 * np.abs(falls).max()
+    w = np.append(np.diff(np.unwrap(driven[:, 2])), 0.0) / dt
+    value, rate = falls(law, (c * dx + s * dy, c * dy - s * dx, turn), w)
+    assert np.abs(np.diff(value) / dt - rate[:-1])[:-1].max() < 0.005 * np.abs(rate).max()
 
 
 def errors(law: Any, steps: int = 1000, n: int = 1, **how: Any) -> tuple[NDArray[np.float64], Any]:
@@ -228,24 +257,38 @@ def test_a_base_that_cannot_keep_up_cuts_inside_and_a_governed_clock_keeps_it_on
         assert abs(states["cross_track_error"][0]) < most
 
 
+def straight(v: float, behind: float) -> ReferenceScenario:
+    """Returns a straight reference along x at an even speed, and a start behind it: there a base is linear."""
+    knots = np.zeros((2, 10))
+    knots[:, 0], knots[:, 1], knots[:, 2] = (0.0, 40.0), (0.0, 40.0 * v), v
+    return ReferenceScenario("straight", Path(knots[:, [1, 4]]), start=(-behind, 0.0, 0.0), knots=knots)
+
+
 @pytest.mark.parametrize("robot", ["p3dx", "omni3"])
 def test_dynamic_programming_and_a_quadratic_program_find_the_same_plan(robot: str) -> None:
-    """From 0.3 m off the first periods lie on the bounds; both then come in, and agree ever more closely."""
-    env: Any = gymnasium.make_vec(IDS[ROBOTS[robot].holonomic], 6, scenario="eights", robot=robot, actuators="lagged")
-    seen, _ = env.reset(seed=0)
-    pilots = [Pilot(make("timed_ilqr", horizon=25, sweeps=60, tolerance=0.0), env), Pilot(make("timed_mpc"), env)]
-    off = np.empty(100)
-    for pilot in pilots:
-        pilot.reset()
-    for k in range(len(off)):
-        found = [pilot.command(seen) for pilot in pilots]
-        off[k] = np.abs(found[0] - found[1]).max()
-        seen, *_ = env.step(found[0])
-    assert off[60:].max() < 0.01
-    assert off[90:].max() < 0.003
+    """On the bounds of the motors, then near the top speed of the wheels."""
+    axes, top = len(ROBOTS[robot].twist_axes), float(ROBOTS[robot].max_twist[0])
+    for behind, share, horizon in ((0.2, 0.3, 25), (0.3, 0.9, 10)):
+        options = {"scenario": straight(share * top, behind), "robot": robot, "actuators": "lagged"}
+        env: Any = gymnasium.make_vec(IDS[axes == 3], 1, begins="rolling", **options)
+        seen, _ = env.reset(seed=0)
+        laws = make("timed_ilqr", horizon=horizon, sweeps=40, tolerance=0.0), make("timed_mpc", horizon=horizon)
+        pilots, told = [Pilot(law, env) for law in laws], np.empty((2, 40, axes))
+        for pilot in pilots:
+            pilot.reset()
+        for k in range(told.shape[1]):
+            for pilot, row in zip(pilots, told, strict=True):
+                row[k] = pilot.command(seen)[0]
+            seen, *_ = env.step(told[:1, k])
+        assert np.abs(told[0] - told[1]).max() < 1e-3
+        assert told[1, :2, 0] == pytest.approx(share * top + 0.05 * np.array([1.0, 2.0]), abs=1e-4)
+        assert told[1, :, 0].max() <= top + 1e-6
 
 
-def test_an_omni_base_faces_what_it_is_told_to() -> None:
+def test_an_omni_base_faces_what_it_is_told_to_and_comes_to_it_at_its_rate() -> None:
+    driven, there = drive(make("pid_omni", k_th=1.7, lead=False), (0.0, 0.0, -0.4), 2.0)
+    left = 0.4 * (1.0 - 0.05 * 1.7) ** np.arange(len(driven))  # held for a period, it is a geometric series
+    assert np.unwrap(there[:, 2]) - np.unwrap(driven[:, 2]) == pytest.approx(left, abs=1e-12)
     scenarios = list(split("trajectory_tracking", "facing_eights", "test"))
     found, states = errors(make("pid_omni"), 800, len(scenarios), scenario=scenarios, robot="omni3")
     assert rms(found) < 3e-3
