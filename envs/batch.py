@@ -90,8 +90,8 @@ class Batch:
         self.actions = self.columns[:, :count]
         self.skip = np.zeros(num_envs, np.bool_)
         self.noise = np.zeros((num_envs, rows, columns))
-        # a drawn shove takes a time and a direction
-        self.draws = 1 + task.draws + (2 if disturbance.shove > 0.0 else 0)
+        # a drawn shove or drift takes a time and a direction
+        self.draws = 1 + task.draws + (2 if disturbance.displaces else 0)
         self.delayed = np.zeros((disturbance.action_delay, num_envs, *self.action_shape))  # oldest first
         self.own: Any = task.own_arrays(num_envs)
         self._constraints = task.constraints if task.options.constraints else ()

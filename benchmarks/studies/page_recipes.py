@@ -943,7 +943,7 @@ def task_tables(task: str, blobs: Blobs) -> dict[str, Any]:
 def disturbance_tables() -> dict[str, Any]:
     """Returns what the page itself does of each disturbance: delays, drawn shoves, empty beams."""
     return {
-        name: {"delay": each.action_delay, "shove": each.shove, "drops": each.range_dropout > 0.0,
+        name: {"delay": each.action_delay, "shove": float(each.displaces), "drops": each.range_dropout > 0.0,
                "noisy": max(each.pose_noise, each.encoder_noise, each.range_noise, each.range_dropout) > 0.0}
         for name, each in DISTURBANCES.items()
     }  # fmt: skip

@@ -67,7 +67,7 @@ class CoppeliaPlant:
             raise ValueError(f'dynamics="coppelia" drives the one robot of a simulator; num_envs is {num_envs}')
         if task.robot.holonomic:
             raise ValueError(f'dynamics="coppelia" drives a differential drive; robot is {task.robot.name!r}')
-        if options.shove is not None or options.disturbance.distorts or options.disturbance.shove > 0.0:
+        if options.shove is not None or options.disturbance.distorts or options.disturbance.displaces:
             raise ValueError('dynamics="coppelia" takes no shove and no disturbance of the motion: the simulator moves')
         self.task = task
         self.address = options.address or os.environ.get(ADDRESS_VARIABLE) or ADDRESS

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from wayfield.envs.robots import Robot, kinematics
 from wayfield.system.linear import product, pseudo_inverse
 
-SHOVE_FROM = 2.0  # s, a shove comes at a time drawn between these two
+SHOVE_FROM = 2.0  # s, a shove or a drift comes at a time drawn between these two
 SHOVE_UNTIL = 6.0  # s
 
 
@@ -47,6 +47,9 @@ class Disturbance:
     range_dropout: float = 0.0  # probability that a beam comes back empty and reads max_range
     action_delay: int = 0  # whole control periods between asking and doing
     shove: float = 0.0  # m, by which the pose is displaced once an episode, at a drawn time in a drawn direction
+    drift: float = 0.0  # m/s, at which it is displaced from that time on, in that direction
+    drift_lasts: float = math.inf  # s
+    drift_period: float = 0.0  # s, of a sine that drives it to and fro; 0: steadily
 
     def distortion(self, robot: Robot) -> NDArray[np.float64]:
         """Returns the (3, 3) map from the twist that the wheels turn for to the body's, but for the side slip."""
@@ -63,6 +66,17 @@ class Disturbance:
     def distorts(self) -> bool:
         """Returns whether the body moves otherwise than its wheels turn for."""
         return bool(self.wheel_radius_error or self.track_error or self.slip or self.side_slip)
+
+    @property
+    def displaces(self) -> bool:
+        """Returns whether the pose is displaced without the wheels."""
+        return bool(self.shove or self.drift)
+
+    def displacement(self, dt: float) -> dict[str, float]:
+        """Returns the values of `records.ROBOT_PARAMS` about what is drawn to displace the pose."""
+        lasts = min(self.drift_lasts / dt, 1e9) if self.drift else 1.0
+        swing = 2.0 * math.pi * dt / self.drift_period if self.drift_period else 0.0
+        return {"drawn_shove": self.shove + dt * self.drift, "shove_periods": round(lasts), "shove_swing": swing}
 
     @property
     def dropout_below(self) -> float:
@@ -99,4 +113,6 @@ DISTURBANCES = _LEVELS | {
     "delay_2": Disturbance(action_delay=2),
     "delay_3": Disturbance(action_delay=3),
     "shove": _alone("shove"),
+    "gust": Disturbance(drift=0.05, drift_lasts=2.0),
+    "periodic": Disturbance(drift=0.05, drift_period=4.0),
 }

@@ -137,9 +137,10 @@ def sweep(p, s, robots, i, vx, vy, yaw_rate):
 
 @inlined
 def shove(p, s, robots, i):
-    """Displaces the pose when the time of the given shove or of the drawn one has come, up to the first contact."""
+    """Displaces the pose where the given shove is due, or the drawn one or its drift, up to the first contact."""
     given = s.steps == p.shove_step
-    drawn = s.steps == s.shove_step
+    since = s.steps - s.shove_step
+    drawn = s.shove_step >= 0 and 0 <= since < p.shove_periods
     if not (given or drawn):
         return
     dx = p.shove_x if given else 0.0
@@ -147,8 +148,11 @@ def shove(p, s, robots, i):
     turn = p.shove_heading if given else 0.0
     if drawn:
         sine, cosine = sin_cos(s.shove_direction)
-        dx += p.drawn_shove * cosine
-        dy += p.drawn_shove * sine
+        size = p.drawn_shove
+        if p.shove_swing > 0.0:
+            size *= sin_cos(p.shove_swing * (since + 0.5))[0]
+        dx += size * cosine
+        dy += size * sine
     sine, cosine = sin_cos(s.heading)
     vx = (cosine * dx + sine * dy) / p.dt
     vy = (cosine * dy - sine * dx) / p.dt

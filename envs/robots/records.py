@@ -96,7 +96,9 @@ ROBOT_PARAMS = [
     ("distorted", np.int64),  # 1: the body moves otherwise than the wheels turn for
     ("distortion", np.float64, (3, 3)),  # from the wheels' twist to the body's
     ("side_slip", np.float64),  # s
-    ("drawn_shove", np.float64),  # m, displacement at a drawn time in a drawn direction; 0: none
+    ("drawn_shove", np.float64),  # m, displacement from a drawn time on in a drawn direction; 0: none
+    ("shove_periods", np.int64),  # for which it comes again
+    ("shove_swing", np.float64),  # rad, of a sine that it is multiplied by, a period; 0: by none
     ("shove_step", np.int64),  # step in which the pose is displaced; -1: never
     ("shove_x", np.float64),  # m, world frame
     ("shove_y", np.float64),

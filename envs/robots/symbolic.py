@@ -84,6 +84,8 @@ class Symbolic:
                 f"true=True is no function of one period here: the disturbance delays actions by "
                 f"{options.disturbance.action_delay} of them"
             )
+        if true and options.disturbance.drift:
+            raise ValueError("true=True is no function of one period here: the disturbance drifts by the clock")
         p = {name: task.params[name][0] for name in task.params.dtype.names}
         model = cls.__new__(cls)
         model._lay_out(task.robot, p | {"distorted": bool(true and p["distorted"])})

@@ -109,7 +109,7 @@ class Options:
             "distorted": disturbance.distorts,
             "distortion": disturbance.distortion(robot),
             "side_slip": disturbance.side_slip,
-            "drawn_shove": disturbance.shove,
+            **disturbance.displacement(dt),
             "shove_step": round(when / dt),
             "shove_x": shove_x,
             "shove_y": shove_y,

@@ -266,3 +266,20 @@ def test_a_shove_is_drawn_only_where_there_is_one() -> None:
         env.reset(seed=3)
         observations.append(env.reset()[0][:3].tolist())
     assert observations[0] == observations[1] != observations[2]
+
+
+@pytest.mark.parametrize("dynamics", ["kinematic", "pymunk"])
+def test_drifts_go_as_far_as_their_integral_and_wheels_do_not_see_them(dynamics: str) -> None:
+    """A gust ends 0.1 m away; what swings is away by 0.05 m/s (1 - cos) / omega, and comes back after 4 s."""
+    for name in ("gust", "periodic"):
+        env: Any = gymnasium.make(FREE["omni3"], disturbance=name, dynamics=dynamics, scenario="open_field").unwrapped
+        env.reset(seed=1)
+        state = env.batch.states[0]
+        begin = complex(state["x"], state["y"])
+        first, way = int(state["shove_step"]), np.exp(1j * state["shove_direction"])
+        for k in range(first + 100):
+            env.step(np.zeros(3, np.float32))
+            t = max(k + 1 - first, 0) * DT
+            gone = 0.05 * min(t, 2.0) if name == "gust" else 0.05 * (1.0 - math.cos(0.5 * math.pi * t)) * 2.0 / math.pi
+            assert abs(complex(state["x"], state["y"]) - begin - gone * way) < 2e-5
+        assert abs(complex(state["odometry_x"], state["odometry_y"]) - begin) < 1e-12
