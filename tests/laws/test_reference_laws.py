@@ -264,6 +264,24 @@ def straight(v: float, behind: float) -> ReferenceScenario:
     return ReferenceScenario("straight", Path(knots[:, [1, 4]]), start=(-behind, 0.0, 0.0), knots=knots)
 
 
+def test_one_sweep_back_is_least_squares_where_a_base_is_linear() -> None:
+    law, n, dt = make("timed_ilqr", sweeps=1), 25, 0.05
+    env: Any = gymnasium.make_vec(IDS[False], 1, scenario=straight(0.4, 5e-3), actuators="lagged", begins="rolling")
+    seen, _ = env.reset(seed=0)
+    decay, mean = lag_factors(0.1, dt)
+    places, wheels = np.zeros((n + 1, n)), np.zeros(n)  # by each of the commands
+    for k, command in enumerate(np.eye(n)):
+        places[k + 1] = places[k] + dt * (command + mean * (wheels - command))
+        wheels = command + decay * (wheels - command)
+    rows = np.vstack([math.sqrt(law.q_place) * places[1:], math.sqrt(law.r_speed) * np.eye(n)])
+    wanted = np.append(np.full(n, math.sqrt(law.q_place) * 5e-3), np.zeros(n))
+    pilot = Pilot(law, env)
+    pilot.reset()
+    found = pilot.command(seen)[0]
+    assert found[0] - 0.4 == pytest.approx(np.linalg.lstsq(rows, wanted)[0][0], rel=1e-5)
+    assert found[1] == pytest.approx(0.0, abs=1e-12)
+
+
 @pytest.mark.parametrize("robot", ["p3dx", "omni3"])
 def test_dynamic_programming_and_a_quadratic_program_find_the_same_plan(robot: str) -> None:
     """On the bounds of the motors, then near the top speed of the wheels."""
