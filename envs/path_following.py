@@ -78,12 +78,6 @@ STATE = np.dtype(
     align=True,
 )
 
-PARAMS = [
-    *records.ROBOT_PARAMS,
-    *((field.name, np.dtype(field.type)) for field in dataclasses.fields(Params)),
-    ("max_speed", np.float64),  # m/s
-]
-
 # One record a scenario of the bank.
 COURSE = np.dtype(
     [
@@ -330,8 +324,9 @@ class PathFollowing(Task):
         self.beam_angles = np.empty(0)
         self.max_obstacles = 0
         self.world = World(courses, pool.vertices, pool.runs)
+        numbers = [(field.name, np.dtype(field.type)) for field in dataclasses.fields(self.numbers)]
         self.params = records.record(
-            PARAMS,
+            [*records.ROBOT_PARAMS, *numbers, ("max_speed", np.float64)],
             options.robot_params()
             | dataclasses.asdict(self.task_params)
             | {"max_range": 0.0, "moving": False}

@@ -114,7 +114,26 @@ class _Policies(Names):
         return super().convert(value, param, ctx)
 
 
-@click.command("evaluate", cls=OneLineErrors, context_settings={"max_content_width": 100})
+_LINES = "\n".join(f"  {name:25} {contest.spec.asks}" for name, contest in CONTESTS.items())
+HELP = f"""Compares policies on the same scenarios, starts and disturbances: prints tables and writes report.html.
+
+\b
+Suites:
+  overview                  the three reference papers, a small contest a task
+{_LINES}
+  disturbances              all these tasks, under growing disturbances
+  teams, people, crowdnav   several robots; one robot among people
+  documents                 scenarios of the three reference papers
+  papers                    a published claim, re-run: --claim NAME
+  barn, mrpb, movingai,
+  racetracks                public benchmarks, from --data FOLDER
+
+The results folder has episodes (episodes.csv), trajectories (trajectories.npz), tables (.md, .csv, .tex) and
+figures (.svg, .png). Give the same command again to continue an interrupted run.
+"""
+
+
+@click.command("evaluate", help=HELP, cls=OneLineErrors, context_settings={"max_content_width": 100})
 @click.option(
     "--suite",
     type=Choice("--suite", SUITES),
@@ -221,25 +240,7 @@ class _Policies(Names):
 )
 @on_cluster
 def main(**given: Any) -> None:
-    """Compares policies on the same scenarios, starts and disturbances: prints tables and writes report.html.
-
-    \b
-    Suites:
-      overview                  the three reference papers, a small contest a task
-      path-following            follow a path
-      goal-obstacles            reach a goal among obstacles
-      docking                   stop at a pose
-      trajectory-tracking       follow a moving reference pose
-      disturbances              these four, under growing disturbances
-      teams, people, crowdnav   several robots; one robot among people
-      documents                 scenarios of the three reference papers
-      papers                    a published claim, re-run: --claim NAME
-      barn, mrpb, movingai,
-      racetracks                public benchmarks, from --data FOLDER
-
-    The results folder has episodes (episodes.csv), trajectories (trajectories.npz), tables (.md, .csv, .tex) and
-    figures (.svg, .png). Give the same command again to continue an interrupted run.
-    """
+    """Runs what the options say."""
     options = Options(**given, command=readable(command_given("python evaluate.py")))
     _need("matplotlib", "evaluate")
     if options.video:

@@ -221,12 +221,12 @@ def solved_mean(rows: Episodes, metric: str, contest: Contest) -> float:
 def solved_mean_cell(
     rows: Episodes, metric: str, contest: Contest, factor: float | None = None, decimals: int | None = None
 ) -> str:
-    """Returns `solved_mean` with its 95 % interval over the scenarios that are solved, in s or mm by default."""
+    """Returns `solved_mean` with its 95 % interval over the scenarios that are solved, in mm or as costs by default."""
     table, families = _solved(rows, metric)
     if not len(table):
         return ""
     if factor is None or decimals is None:
-        factor, decimals = (1e3, 2) if contest.cost.unit == "m" else (1.0, 1)
+        factor, decimals = (1e3, 2) if contest.cost.unit == "m" else (1.0, contest.cost.decimals)
     ends = interval(table, families, mean)
     return _with_ends(solved_mean(rows, metric, contest), ends, factor, decimals)
 
