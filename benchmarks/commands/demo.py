@@ -34,7 +34,9 @@ TITLE = "wayfield: race robots in your browser"
 AGENTS_THERE = ("team_guided", "team_scan", "people_free", "any_robot")  # of those that are left out elsewhere
 ABSENT = (
     "The robots mir100 and husky are absent: these scenes have no room for their hulls. Jackal drives alone, in scenes "
-    "that are made larger for it. Tracking a reference in time is absent: the page has no kernels of that task."
+    "that are made larger for it. Following a reference that moves in time is absent, and its winners tv_lqr, "
+    "timed_ilqr and timed_mpc with it: that task and its laws are not compiled for the page (timed_mpc also solves its "
+    "problem with OSQP)."
 )
 # what the page opens on, as a link holds it
 _CALM = {"actuators": "lagged", "disturbance": "none"}
@@ -63,6 +65,73 @@ CHALLENGES = [
         ("parking", "dock: open", 0, "p3dx"),
     )
 ]
+
+# what the page calls the scenes of each family; {} is the number at the end of its name
+SCENES = {
+    "path: straights": "straight line",
+    "path: circles": "circle",
+    "path: clothoids": "smooth bends",
+    "path: s_curves_wide": "gentle S-bends",
+    "path: s_curves_medium": "S-bends",
+    "path: s_curves_tight": "tight S-bends",
+    "path: figure_eights_gerono": "figure eight",
+    "path: figure_eights_tangent": "figure eight of two circles",
+    "path: polylines_90": "square corners",
+    "path: polylines_120": "sharp corners",
+    "path: polylines_150": "hairpin corners",
+    "path: splines": "winding line",
+    "path: circuits": "race track",
+    "goal: open_fields": "open field",
+    "goal: collinear_exact": "something right in the way",
+    "goal: collinear_1mm": "in the way, 1 mm off the middle",
+    "goal: collinear_2cm": "in the way, 2 cm off the middle",
+    "goal: near_goal": "tight spot at the star",
+    "goal: clutter_5": "few obstacles",
+    "goal: clutter_10": "more obstacles",
+    "goal: clutter_15": "many obstacles",
+    "goal: doors_narrow": "narrow doors",
+    "goal: doors_medium": "doors",
+    "goal: doors_wide": "wide doors",
+    "goal: u_traps_05": "shallow dead end",
+    "goal: u_traps_15": "dead end",
+    "goal: u_traps_30": "deep dead end",
+    "goal: corridors": "corridors",
+    "goal: rooms": "rooms",
+    "goal: moving_crossing": "crossing traffic",
+    "goal: moving_head_on": "oncoming traffic",
+    "goal: moving_overtaking": "slow traffic ahead",
+    "goal: moving_crowd": "moving crowd",
+    "dock: open": "parking",
+    "dock: behind": "parking, star behind you",
+    "dock: wall": "back up to a wall",
+    "dock: berth": "between two boxes",
+    "dock: moving": "parking behind traffic",
+    "team: head_on_exact": "two head-on",
+    "team: head_on_1mm": "two head-on, 1 mm aside",
+    "team: head_on_2cm": "two head-on, 2 cm aside",
+    "team: crossing": "{} at a crossing",
+    "team: circle_exact": "{} swap sides of a circle",
+    "team: circle": "{} swap sides, not quite in a circle",
+    "team: open": "{} criss-cross",
+    "team: doorway": "{} through one door, both ways",
+    "team: corridor": "{} in a corridor, both ways",
+    "team: intersection": "{} where two corridors cross",
+    "team: bottleneck": "{} leave a room by one door",
+    "team: rooms": "{} from room to room",
+    "people: crowdnav": "{} people swap sides of a circle",
+    "people: attngraph": "{} people cross a square",
+    "people: lanes": "{} people in a corridor, both ways",
+    "people: crossing_flow": "{} people crossing",
+    "people: overtaking": "slow people ahead",
+    "people: head_on": "oncoming people",
+    "people: blind_corner": "people behind a corner",
+    "people: queue_at_door": "a crowd through your door",
+    "people: standing_groups": "groups that stand and talk",
+    "people: crossing_streams": "{} people, two streams that cross",
+    "people: queue_against": "a crowd against you at a door",
+    "people: walking_groups": "groups that walk",
+    "people: reactions": "five people, each reacts otherwise",
+}
 
 # what the page calls each policy, and what it is in a sentence
 NAMES = {
@@ -122,6 +191,16 @@ def worlds(families: Collection[str] = ()) -> list[World]:
     return found
 
 
+def scenes() -> dict[str, str]:
+    """Returns what the scenes of each family of the page are called."""
+    found = {}
+    for key in (f"{spec.kind}: {name}" for spec in IN_PAGE.values() for name in spec.families):
+        stem, _, count = key.rpartition("_")
+        if called := SCENES.get(key) or SCENES.get(stem):
+            found[key] = called.format(count)
+    return found
+
+
 def unable() -> dict[str, list[str]]:
     """Returns who enters a task's contest and cannot drive in the page, by the kind of its scenarios; floors aside."""
     able_there = kernel_part(set(ROBOTS), AGENTS_THERE)[0]["pilots"]
@@ -170,6 +249,7 @@ def told() -> dict[str, Any]:
         "opening": OPENING,
         "sentence": SENTENCE,
         "challenges": CHALLENGES,
+        "scenes": scenes(),
         "names": {name: [called, f"{what} In Python: {name}."] for name, (called, what) in NAMES.items()},
         "robots": {name: re.split(r"[,(]", robot.title)[0].strip() for name, robot in ROBOTS.items()},
         "unable": unable(),

@@ -390,25 +390,29 @@ def maneuver(memory: Any, looked: Any) -> None:
 
 
 ALONG_PATHS: Mapping[str, Look] = {
-    "pure_pursuit": Look("point", "point ahead", pursued, (3,)),
-    "regulated_pure_pursuit": Look("point", "point ahead", regulated, (3,)),
-    "smooth_pose": Look("point", "pose ahead", chased, (3,)),
-    "stanley": Look("offset", "error of the front axle", off_axle, (4,)),
-    "lqr": Look("offset", "error from the path", off_path, (4,)),
+    "pure_pursuit": Look("point", "the point of the path that it steers at", pursued, (3,)),
+    "regulated_pure_pursuit": Look("point", "the point of the path that it steers at", regulated, (3,)),
+    "smooth_pose": Look("point", "the pose that it steers at", chased, (3,)),
+    "stanley": Look("offset", "how far its front axle is off the path (red)", off_axle, (4,)),
+    "lqr": Look("offset", "how far it is off the path (red)", off_path, (4,)),
 }
 TO_POSES: Mapping[str, Look] = {
-    "apf_corrected": Look("field", "potential field", forces, (GRID, 2), GRID),
-    "vfh_plus": Look("sectors", "histogram", sectors, (4, vfh_plus.DIRECTIONS)),
-    "dwa": Look("arcs", "candidate arcs", arcs, (dwa.SPEEDS * dwa.TURNS + 1, 4)),
-    "scan_planner": Look("way", "plan", planned, (256, 2)),
-    "astar_tracker": Look("way", "plan", planned, (256, 2)),
-    "reeds_shepp": Look("way", "plan", maneuver, (129, 2)),
-    "reeds_shepp_scan": Look("way", "plan", maneuver, (129, 2)),
-    "mppi": Look("rollouts", "rollouts", rollouts, (DRAWN + 1, 33, 2)),
+    "apf_corrected": Look("field", "where pulls and pushes would take it (arrows)", forces, (GRID, 2), GRID),
+    "vfh_plus": Look(
+        "sectors", "directions around it: green are free, red are barred", sectors, (4, vfh_plus.DIRECTIONS)
+    ),
+    "dwa": Look("arcs", "arcs that it could drive; it takes the thick one", arcs, (dwa.SPEEDS * dwa.TURNS + 1, 4)),
+    "scan_planner": Look("way", "the way that it plans", planned, (256, 2)),
+    "astar_tracker": Look("way", "the way that it plans", planned, (256, 2)),
+    "reeds_shepp": Look("way", "the way that it plans", maneuver, (129, 2)),
+    "reeds_shepp_scan": Look("way", "the way that it plans", maneuver, (129, 2)),
+    "mppi": Look(
+        "rollouts", "plans that it tried at random; it drives the thick one, their mean", rollouts, (DRAWN + 1, 33, 2)
+    ),
     "orca": Look("half_planes", "velocities ORCA rules out", half_planes, (LINES + 2, 4)),
 }
 # of those that drive among other bodies alone
 AMONG_BODIES: Mapping[str, Look] = {
     "orca_team": Look("half_planes", "velocities ORCA rules out", half_planes_of_team, (LINES + 2, 4)),
-    "orca_team_map": Look("way", "plan", planned, (256, 2)),
+    "orca_team_map": Look("way", "the way that it plans", planned, (256, 2)),
 }

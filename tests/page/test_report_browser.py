@@ -356,8 +356,7 @@ def test_a_race_has_a_result_and_its_link_carries_the_run(browser: Browser, file
         watched.until(f"drive.hand.actor.outcome !== '' && {DRIVEN}")
         told = banner.inner_text()
         assert ("Finished in" in told) == tab.evaluate("drive.hand.actor.outcome === 'success'")
-        assert f"You {'crashed' if 'Crashed' in told else ''}" in told
-        assert all(f"{rival} " in told for rival in ("trained network (PPO)", "A* planner", "vector histogram"))
+        assert all(f"{each}\n" in told for each in ("you", "trained network (PPO)", "A* planner", "vector histogram"))
         same_in_python(tab, "you, by keyboard or pad")
         other = watched.context.new_page()
         other.goto(taken(tab, "Copy a link to race this run"))
@@ -378,31 +377,106 @@ def test_a_race_has_a_result_and_its_link_carries_the_run(browser: Browser, file
         assert watched.errors == []
 
 
-def test_a_finger_that_stays_down_ends_a_race_on_a_card(browser: Browser, files: dict[str, Path]) -> None:
-    """And the robot is in the picture all the way, also off the field; the pad lies beside the picture."""
-    size: Any = {"width": 390, "height": 844}
+def box_of(tab: Page, what: str) -> tuple[float, float, float, float]:
+    """Returns left, top, right and bottom of a button, by its name, or of the picture."""
+    found = tab.locator(what).first if what[0] == "." else tab.get_by_role("button", name=what, exact=True)
+    box = found.bounding_box()
+    assert box is not None
+    return box["x"], box["y"], box["x"] + box["width"], box["y"] + box["height"]
+
+
+def inside(box: tuple[float, ...], frame: tuple[float, ...]) -> bool:
+    """Whether a box lies in a frame: left, top, right, bottom."""
+    return box[0] >= frame[0] and box[1] >= frame[1] and box[2] <= frame[2] and box[3] <= frame[3]
+
+
+class Fingers:
+    """Fingers on a page, each by a number."""
+
+    def __init__(self, watched: Watched) -> None:
+        self.session = watched.context.new_cdp_session(watched.page)
+        self.down: dict[int, tuple[float, float]] = {}
+
+    def put(self, finger: int, x: float, y: float) -> None:
+        """Puts a finger down, or moves it."""
+        kind = "touchMove" if finger in self.down else "touchStart"
+        self.down[finger] = (x, y)
+        self.send(kind, self.down)
+
+    def lift(self, finger: int) -> None:
+        """Takes a finger away."""
+        self.send("touchEnd", {finger: self.down.pop(finger)} if len(self.down) > 1 else {})
+        self.down.pop(finger, None)
+
+    def send(self, kind: str, fingers: dict[int, tuple[float, float]]) -> None:
+        """Sends what the browser is told."""
+        points = [{"x": x, "y": y, "id": finger} for finger, (x, y) in fingers.items()]
+        self.session.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+
+
+@pytest.mark.parametrize(("width", "height"), [(390, 844), (844, 390)])
+def test_a_finger_that_stays_down_ends_a_race_on_a_card(
+    browser: Browser, files: dict[str, Path], width: int, height: int
+) -> None:
+    """And the robot is in the picture all the way, also off the field; pad, picture and card are in one view."""
+    size: Any = {"width": width, "height": height}
     with Watched(browser, files["demo"], viewport=size, has_touch=True, reduced_motion="reduce") as watched:
         tab = watched.page
         tab.get_by_role("button", name="Race it").click()
-        box = tab.get_by_role("button", name="ahead").bounding_box()
-        picture = tab.locator(".board canvas").first.bounding_box()
-        assert box is not None
-        assert picture is not None
-        assert picture["y"] + picture["height"] <= box["y"]
+        left, top, right, bottom = picture = box_of(tab, ".board canvas")
+        pad = [box_of(tab, each) for each in ("left", "ahead", "right", "back")]
+        assert all(x1 <= left or right <= x0 or y1 <= top or bottom <= y0 for x0, y0, x1, y1 in pad)
+        assert all(inside(each, (0, 0, width, height)) for each in [*pad, picture])
         tab.evaluate("() => { replay.world.obstacles = []; replay.pace(8); drive.begin(drive.hand, true); }")
-        touch = watched.context.new_cdp_session(tab)
-        at = {"x": box["x"] + box["width"] / 2, "y": box["y"] + box["height"] / 2}
-        touch.send("Input.dispatchTouchEvent", {"type": "touchStart", "touchPoints": [at]})
+        fingers = Fingers(watched)
+        fingers.put(0, pad[1][0] + 20, pad[1][1] + 20)
         seen = """(({ view, chosen: { x, y } }) => [(x.at(-1) - view.centre[0]) * view.pixels / view.width,
                    (y.at(-1) - view.centre[1]) * view.pixels / view.height])(replay)"""
         for _ in range(600):
             assert max(map(abs, tab.evaluate(seen))) < 0.5
             if tab.evaluate("drive.hand.actor.outcome"):
                 break
-        touch.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+        fingers.lift(0)
         tab.wait_for_timeout(300)
         assert tab.evaluate("drive.hand.actor.outcome")
-        assert tab.get_by_role("button", name="Try again").is_visible()
+        for button in ("Try again", "Copy a link to race this run", "close"):
+            assert inside(box_of(tab, button), picture)
+        assert watched.errors == []
+
+
+def test_two_fingers_zoom_the_picture_and_drive_by_the_pad(browser: Browser, files: dict[str, Path]) -> None:
+    size: Any = {"width": 390, "height": 844}
+    with Watched(browser, files["demo"], viewport=size, has_touch=True, is_mobile=True) as watched:
+        tab, fingers = watched.page, Fingers(watched)
+        tab.get_by_role("button", name="Put things in its way").tap()
+        x0, y0, x1, y1 = box_of(tab, ".board canvas")
+        x, y = (x0 + x1) / 2, (y0 + y1) / 2
+        before = tab.evaluate("replay.world.obstacles.length")
+        fingers.put(0, x - 20, y)
+        fingers.put(1, x + 20, y)
+        for far in range(20, 100, 10):
+            fingers.put(0, x - far, y - far)
+            fingers.put(1, x + far, y + far)
+        fingers.lift(1)
+        fingers.lift(0)
+        assert tab.evaluate("replay.view.zoom") > 2.0
+        assert tab.evaluate("[replay.world.obstacles.length, scrollY, visualViewport.scale]") == [before, 0, 1]
+        tab.get_by_role("button", name="Race it").tap()
+        twist = "drive.twistByHand(drive.hand.simulator)"
+        ahead, right = ((box[0] + 20, box[1] + 20) for box in (box_of(tab, "ahead"), box_of(tab, "right")))
+        fingers.put(0, *ahead)
+        fingers.put(1, *right)
+        both = tab.evaluate(twist)
+        assert both[0] > 0.0
+        assert both[2] < 0.0
+        for k in range(8):  # one of them goes astray
+            fingers.put(1, x, y - 10 * k)
+        fingers.lift(1)
+        assert tab.evaluate(twist) == [both[0], 0, 0]
+        fingers.put(0, *right)  # the other slides
+        assert tab.evaluate(twist) == [0, 0, both[2]]
+        fingers.lift(0)
+        assert tab.evaluate(f"[...{twist}, scrollY]") == [0, 0, 0, 0]
         assert watched.errors == []
 
 
@@ -524,10 +598,14 @@ def test_a_link_that_was_edited_is_a_sentence(
     with Watched(browser, files["demo"]) as watched:
         watched.page.evaluate("drive.clear(); drive.add({ label: 'vfh_plus' })")
         url = taken(watched.page, "copy link")
+        head, _, tail = url.partition("#")
+        driven = watched.page.evaluate(f"drive.pump(20000), {POSES}")
+        watched.page.get_by_label("a friend's link").fill(f"{head}#{changed(tail)}")
+        assert told in watched.page.get_by_role("status").filter(has_text="What was shown stays").inner_text()
+        assert watched.page.evaluate(POSES) == driven
         other = watched.context.new_page()
         page_errors: list[str] = []
         other.on("pageerror", lambda error: page_errors.append(str(error)))
-        head, _, tail = url.partition("#")
         other.goto(f"{head}#{changed(tail)}")
         other.evaluate("ready")
         assert told in other.locator("#problem").inner_text()
@@ -636,13 +714,20 @@ def test_a_robot_of_ones_own_is_drawn_with_its_hull(browser: Browser, files: dic
         assert watched.page.evaluate("(tellHull('box', [0.6, 0.8]), [HULLS.box, BOXES.box])") == [0.5, [0.6, 0.8]]
 
 
-def test_a_browser_without_webassembly_is_told(browser: Browser, files: dict[str, Path]) -> None:
+@pytest.mark.parametrize(
+    ("without", "told"),
+    [
+        ("delete globalThis.WebAssembly", "no WebAssembly"),
+        ("HTMLCanvasElement.prototype.getContext = () => null", "no pictures"),
+    ],
+)
+def test_what_a_browser_lacks_is_told(browser: Browser, files: dict[str, Path], without: str, told: str) -> None:
     context = browser.new_context()
-    context.add_init_script("delete globalThis.WebAssembly")
+    context.add_init_script(without)
     tab = context.new_page()
     tab.goto(files["demo"].as_uri())
     tab.evaluate("ready")
-    assert "no WebAssembly" in tab.locator("#problem").inner_text()
+    assert told in tab.locator("#problem").inner_text()
     context.close()
 
 

@@ -20,7 +20,6 @@ function fitted(world, hull) {
 
 const ABOUT_BODIES = { team: "One driver for all robots, each with a star of its own.", people: "The grey discs are people: they walk, and react to the robot." };
 const SCENES = { goal: "drive to a star", people: "among people", team: "a team of robots", path: "along a path", dock: "docking" };
-const words = (name) => name.replaceAll("_", " ");
 
 class Draws {
   constructor(replay) {
@@ -39,7 +38,7 @@ class Draws {
     this.seed = select("variant", () => this.show());
     const keys = [...this.families.keys()];
     this.family.replaceChildren(el("option", { value: "", hidden: true }, "your own"), ...Object.entries(SCENES).map(([kind, text]) => el("optgroup", { label: text },
-      keys.filter((key) => key.startsWith(`${kind}: `)).map((key) => el("option", { value: key }, words(key.split(": ")[1]))))));
+      keys.filter((key) => key.startsWith(`${kind}: `)).map((key) => el("option", { value: key }, replay.told.demo.scenes[key])))));
     this.family.value = replay.told.demo.opening.place.family;
     this.fill();
   }
@@ -59,7 +58,7 @@ class Draws {
       drive.clear();
       drive.editor.take(null);
     }
-    this.replay.show(world, robot, [], `None of the networks has practised in this scene.${world.walks ? ` ${ABOUT_BODIES[world.kind]}` : ""}`);
+    this.replay.show(world, robot, [], `In Python: ${world.family}.${world.walks ? ` ${ABOUT_BODIES[world.kind]}` : ""} No network has practised in this very scene.`);
     if (!drive || this.silent) return;
     if (drive.who.value === KEYBOARD) drive.who.value = drive.usual(drive.able()) || KEYBOARD;
     drive.go(false);
@@ -76,10 +75,15 @@ class Draws {
     return this.family.value ? { family: this.family.value, seed: Number(this.seed.value) } : null;
   }
 
-  restore({ family, seed }) {
-    if (!this.families.has(family)) throw new Error(`family is ${JSON.stringify(family)}; it must be one of ${[...this.families.keys()].join(", ")}`);
+  // Whether there is such a scene; an Error says what is wrong.
+  check({ family, seed }) {
+    if (!this.families.has(family)) throw new Error(`family is ${family === undefined ? "missing" : JSON.stringify(family)}; the page has no such scene`);
     const count = this.families.get(family).length;
     if (!Number.isInteger(seed) || seed < 0 || seed >= count) throw new Error(`seed is ${JSON.stringify(seed)}; it must be from 0 to ${count - 1}`);
+  }
+
+  restore({ family, seed }) {
+    this.check({ family, seed });
     this.silent = true;
     this.family.value = family;
     this.fill();

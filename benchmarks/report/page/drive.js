@@ -37,7 +37,8 @@ class Drive {
     this.jobs = [null, null]; // the runs that are driven now, with their simulators: the second one in a memory of its own
     this.twin = null; // that memory, once there are two panes
     this.hand = null; // the run that is driven by hand
-    this.held = new Set();
+    this.held = new Set(); // keys that are down
+    this.fingers = new Map(); // the button of the pad that each finger is on, by its pointer
     const bodies = (replay.told.demo || {}).robots || {};
     const select = (label, options, change = () => {}) => {
       const box = el("select", { "aria-label": label, on: { change } }, options.map((each) => el("option", { value: each }, MOTORS[each] || bodies[each] || each.replace("_", " "))));
@@ -83,7 +84,7 @@ class Drive {
   wire() {
     const { replay } = this;
     replay.advance = (due) => this.advance(due);
-    replay.busy = () => Boolean((this.hand && !this.hand.actor.outcome) || this.runs.some((run) => run.pending && !run.actor.hidden));
+    replay.busy = () => Boolean(this.drives || this.runs.some((run) => run.pending && !run.actor.hidden));
     replay.driven = (event, down) => this.key(event, down);
     replay.spoils = () => (this.hand ? !this.hand.actor.outcome : !still());
     replay.ends = () => this.race.tellScene();
@@ -262,6 +263,7 @@ class Drive {
     this.replay.pace(1);
     this.replay.fit();
     this.race.tellScene();
+    window.scrollTo({ top: 0, behavior: "instant" }); // picture and pad in one view
     this.race.countDown();
     this.wake();
   }
@@ -278,23 +280,48 @@ class Drive {
     const keys = omni ? [["turn left", "q"], ["ahead", "ArrowUp"], ["turn right", "e"], ["go left", "a"], ["back", "ArrowDown"], ["go right", "d"]]
       : [["left", "ArrowLeft"], ["ahead", "ArrowUp"], ["right", "ArrowRight"], null, ["back", "ArrowDown"], null];
     this.pad.replaceChildren(...keys.map((each) => (each === null ? el("span") : el("button", { type: "button", on: {
-      pointerdown: (event) => { event.preventDefault(); this.press(each[1], true); }, pointerup: () => this.press(each[1], false),
-      pointercancel: () => this.press(each[1], false), pointerleave: () => this.press(each[1], false), contextmenu: (event) => event.preventDefault(),
-      keydown: (event) => { if (event.key === " " || event.key === "Enter") this.press(each[1], true); }, keyup: () => this.press(each[1], false) } }, each[0]))));
+      pointerdown: (event) => {
+        event.preventDefault();
+        if (event.target.hasPointerCapture(event.pointerId)) event.target.releasePointerCapture(event.pointerId); // a finger may slide to the next button
+        this.touch(event, each[1]);
+      },
+      pointerenter: (event) => { if (event.buttons) this.touch(event, each[1]); }, pointerup: (event) => this.touch(event), pointercancel: (event) => this.touch(event),
+      pointerleave: (event) => this.touch(event), contextmenu: (event) => event.preventDefault(),
+      keydown: (event) => { if (event.key === " " || event.key === "Enter") this.press(each[1], true); }, keyup: () => this.press(each[1], false) }, "data-key": each[1] }, each[0]))));
     this.pad.hidden = false;
     this.choice.hidden = true;
     this.replay.app.classList.add("driving");
   }
 
+  get drives() {
+    return Boolean(this.hand) && !this.hand.actor.outcome;
+  }
+
   press(key, down) {
     if (!down) { this.held.delete(key); return; }
-    if (!this.hand || this.hand.actor.outcome) return;
+    if (!this.drives) return;
     this.held.add(key);
     this.race.go();
   }
 
+  // A finger, or the mouse, came onto a button of the pad, or left it.
+  touch({ pointerId }, key) {
+    this.fingers.delete(pointerId);
+    if (key && this.drives) {
+      this.fingers.set(pointerId, key);
+      this.race.go();
+    }
+    for (const each of this.pad.children) each.classList.toggle("down", [...this.fingers.values()].includes(each.dataset.key));
+  }
+
+  letGo() {
+    this.held.clear();
+    this.fingers.clear();
+    for (const each of this.pad.children) each.classList.remove("down");
+  }
+
   key(event, down) {
-    if (!this.hand || this.hand.actor.outcome) return false;
+    if (!this.drives) return false;
     const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
     if (!["ArrowUp", "ArrowDown", "ArrowLeft", "ArrowRight", "w", "a", "s", "d", "q", "e"].includes(key)) return false;
     event.preventDefault();
@@ -304,7 +331,8 @@ class Drive {
 
   twistByHand(simulator) {
     const [fast, turn] = [simulator.world.speed || 0.6, 1.5];
-    const on = (...keys) => (keys.some((key) => this.held.has(key)) ? 1 : 0);
+    const down = new Set([...this.held, ...this.fingers.values()]);
+    const on = (...keys) => (keys.some((key) => down.has(key)) ? 1 : 0);
     const omni = simulator.body.axes.length > 2;
     return [fast * (on("ArrowUp", "w") - on("ArrowDown", "s")), omni ? fast * (on("a") - on("d")) : 0,
       turn * (on("ArrowLeft", "q") - on("ArrowRight", "e") + (omni ? 0 : on("a") - on("d")))];
@@ -321,7 +349,7 @@ class Drive {
     this.hand.simulator = null;
     this.hand = null;
     this.rest();
-    this.held.clear();
+    this.letGo();
     if (!tape.length) this.replay.takeOut(actor);
   }
 
@@ -336,6 +364,7 @@ class Drive {
 
   clear() {
     this.share.told.textContent = "";
+    this.looks.turn(false);
     this.abort();
     this.endHand();
     for (const run of this.runs) this.replay.actors = this.replay.actors.filter((actor) => actor !== run.actor);
@@ -502,7 +531,7 @@ class Drive {
       const until = Math.min(due, hand.actor.x.length + 40);
       while (hand.actor.x.length - 1 < until) {
         hand.tape.push(this.twistByHand(hand.simulator));
-        if (this.tick(hand, hand.simulator, hand.pilot.act(), hand.target)) { this.held.clear(); break; }
+        if (this.tick(hand, hand.simulator, hand.pilot.act(), hand.target)) { this.letGo(); break; }
       }
       replay.view.takeIn([hand.actor.x[hand.actor.x.length - 1], hand.actor.y[hand.actor.y.length - 1]], 2 * HULLS[replay.robot]);
     }

@@ -78,6 +78,7 @@ class Editor {
     this.replay.drag = (event) => this.drag(this.replay.view.metres(event));
     this.replay.edits = (event) => this.key(event);
     this.replay.drop = () => this.dropped();
+    this.replay.letGo = () => this.letGo();
     const { board } = this.replay;
     board.addEventListener("dragover", (event) => { event.preventDefault(); board.classList.add("drop"); });
     board.addEventListener("dragleave", () => board.classList.remove("drop"));
@@ -286,6 +287,12 @@ class Editor {
       const [nx, ny, nc, ns, ...rest] = world.obstacles[index];
       world.obstacles[index] = [nx, ny, -nc, -ns, ...rest];
     }
+  }
+
+  // A second finger came down: what one of them began to draw is nothing.
+  letGo() {
+    if (this.tool === "move") this.dropped();
+    this.grabbed = this.to = null;
   }
 
   dropped() {

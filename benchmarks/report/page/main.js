@@ -42,7 +42,9 @@ async function main() {
   for (const chart of told.charts) for (const label of chart.labels || (chart.series || chart.rows || []).map((each) => each.label)) rank(label);
   showCharts(told.charts, (cell) => picks && picks.open(cell));
   showTables(told.tables);
-  const driven = told.episodes.length || told.demo;
+  const draws = Boolean(el("canvas").getContext("2d"));
+  if (!draws) problem("This browser lets the page draw no pictures (canvas 2D is switched off), so no robot is shown here; the rest of the page can be read.");
+  const driven = draws && (told.episodes.length || told.demo);
   byId(driven ? "player" : "summary").append(...told.missing.map((each) => el("p", { class: "problem" }, each)));
   wireTabs([["replay", told.demo ? "Simulator" : "Replay and drive", driven], ["summary", told.demo ? "About" : "Results", true],
     ["charts", "Figures", told.charts.length], ["tables", "Tables", told.tables.length], ["made", "How it was made", !told.demo]]);

@@ -81,9 +81,13 @@ class Picks {
     return { task: this.task.value, family: this.family.value, world: Number(this.world.value) };
   }
 
-  restore({ task, family, world }) {
+  check({ task, family, world }) {
     const families = this.groups.get(task);
     if (!families || !families.has(family) || !families.get(family).has(world)) throw new Error("its scenario is not in this report");
+  }
+
+  restore({ task, family, world }) {
+    this.check({ task, family, world });
     this.task.value = task;
     this.fillFamilies(family);
     this.fillWorlds(world);

@@ -110,7 +110,7 @@ class Race {
   // The challenges with their best times; that one is chosen that is on the screen.
   list() {
     const { best } = this;
-    this.number.replaceChildren(el("option", { value: "", disabled: true }, "choose one"), ...this.challenges.map(({ name }, k) => {
+    this.number.replaceChildren(el("option", { value: "", disabled: true }, "choose a challenge"), ...this.challenges.map(({ name }, k) => {
       const found = best[this.key(k)];
       return el("option", { value: k }, `${k + 1}. ${name}${found ? `: ${found.medal || "done"}` : ""}`);
     }));
@@ -250,15 +250,23 @@ class Race {
     const place = arrived(run.actor) && settled ? times.filter((each) => each < steps(run.actor)).length : -1; // a tie is the hand's
     const medal = rivals.length && place >= 0 ? MEDALS[place] || "" : "";
     if (place >= 0) this.keep(steps(run.actor) * DT, medal);
-    const better = rivals.length && rivals.every(({ outcome }) => outcome) ? MEDALS.slice(0, Math.min(place < 0 ? 3 : place, rivals.length)).map((each, k) => (times[k] ? `${each} within ${seconds(times[k])}` : `${each} for any finish`)) : [];
+    // the next medal, and gold
+    const wanted = rivals.every(({ outcome }) => outcome) ? [...new Set([Math.min(place < 0 ? 3 : place, rivals.length) - 1, 0])].filter((k) => k >= 0 && k < rivals.length && place !== 0) : [];
+    const better = wanted.map((k) => `${MEDALS[k]} ${times[k] ? `within ${seconds(times[k])}` : "for any finish"}`);
     const order = [...field].sort((a, b) => arrived(b) - arrived(a) || Boolean(a.outcome) - Boolean(b.outcome) || steps(a) - steps(b) || (b === run.actor) - (a === run.actor));
-    const words = order.map((actor) => `${actor === run.actor ? "You" : actor.label} ${arrived(actor) ? seconds(steps(actor)) : OUTCOMES[actor.outcome] || "still drives"}`);
+    const rows = order.map((actor) => el("li", { class: actor === run.actor ? "mine" : "" }, el("span", {}, actor === run.actor ? "you" : actor.label), el("span", {}, arrived(actor) ? seconds(steps(actor)) : OUTCOMES[actor.outcome] || "still drives")));
     const next = this.nth >= 0 && this.nth + 1 < this.challenges.length;
-    this.say(el("strong", { class: arrived(run.actor) ? "" : "bad" }, `${ENDED[run.actor.outcome]} ${seconds(steps(run.actor))}`),
+    const forward = next && medal === "gold" ? "go" : null;
+    this.say(this.ended(run, ENDED[run.actor.outcome]),
       place < 0 || !rivals.length ? null : el("p", { class: medal ? `medal ${medal}` : "" }, `${["1st", "2nd", "3rd"][place] || `${place + 1}th`} of ${rivals.length + 1}: ${medal || "no"} medal`),
-      el("p", {}, `${words.join(", ")}.`), better.length ? el("p", {}, `Needed: ${better.join(", ")}.`) : null,
-      el("div", { class: "files" }, this.button(coarse() ? "Try again" : "Try again (R)", () => this.again(), { class: "go" }), next ? this.button("Next challenge", () => this.open(this.nth + 1)) : null,
+      rivals.length ? el("ol", { class: "order" }, rows) : null, better.length ? el("p", {}, `Needed: ${better.join(", ")}.`) : null,
+      el("div", { class: "files" }, this.button(coarse() ? "Try again" : "Try again (R)", () => this.again(), { class: forward ? null : "go" }), next ? this.button("Next challenge", () => this.open(this.nth + 1), { class: forward }) : null,
         this.button("Copy a link to race this run", async () => this.tell(await drive.share.link())), this.button("close", () => { this.clear(); drive.rest(); })), told ? el("p", { class: "note" }, told) : null);
+  }
+
+  // How a run by hand ended, and its time: the one large number of a card.
+  ended({ actor, tape }, how) {
+    return el("strong", { class: actor.outcome === "success" ? "" : "bad" }, el("small", {}, `${how} `), `${(tape.length * DT).toFixed(2)}\u00a0s`);
   }
 
   // The best time of a challenge is kept.
@@ -277,7 +285,7 @@ class Race {
   challenged(run) {
     this.drive.replay.choose(run.actor);
     while (run.pending) this.drive.pump(1); // who is looked at goes first
-    this.say(el("strong", {}, `A friend: ${(ENDED[run.actor.outcome] || "drove for").toLowerCase()} ${(run.tape.length * DT).toFixed(2)}\u00a0s`), el("p", {}, "Can you do better?"),
+    this.say(this.ended(run, `A friend ${(ENDED[run.actor.outcome] || "drove for").toLowerCase()}`), el("p", {}, "Can you do better?"),
       el("div", { class: "files" }, this.button("Race the ghost", () => this.again(), { class: "go" }), this.button("watch first", () => { this.clear(); this.replay.toggle(true); })));
   }
 }

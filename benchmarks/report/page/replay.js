@@ -92,13 +92,32 @@ class Replay {
     }, { passive: false });
     let from = null;
     const moves = (event) => event.pointerType !== "touch" || canvas.classList.contains("held");
+    const fingers = new Map(); // on the picture: two of them zoom and move it, and the page stays
+    const both = () => { const [[ax, ay], [bx, by]] = fingers.values(); return { clientX: (ax + bx) / 2, clientY: (ay + by) / 2, apart: Math.hypot(ax - bx, ay - by) }; };
+    for (const touch of ["touchstart", "touchmove"]) canvas.addEventListener(touch, (event) => { if (event.touches.length > 1 && event.cancelable) event.preventDefault(); }, { passive: false });
     canvas.addEventListener("pointerdown", (event) => {
       canvas.focus({ preventScroll: true });
+      if (event.pointerType === "touch") fingers.set(event.pointerId, [event.clientX, event.clientY]);
+      if (fingers.size > 1) {
+        from = null;
+        if (this.letGo) this.letGo();
+        return;
+      }
       if (this.grab && this.grab(event)) return;
       from = [event.clientX, event.clientY];
       if (moves(event)) canvas.setPointerCapture(event.pointerId);
     });
     canvas.addEventListener("pointermove", (event) => {
+      if (fingers.size > 1) {
+        const was = both();
+        if (fingers.has(event.pointerId)) fingers.set(event.pointerId, [event.clientX, event.clientY]);
+        const now = both();
+        this.follow(false);
+        view.zoomBy(now.apart / Math.max(was.apart, 1), view.metres(was));
+        view.moveBy(now.clientX - was.clientX, now.clientY - was.clientY);
+        this.refresh();
+        return;
+      }
       if (this.drag && this.drag(event)) return;
       if (!from || !event.buttons || !moves(event)) return;
       this.follow(false);
@@ -106,7 +125,11 @@ class Replay {
       from = [event.clientX, event.clientY];
       this.refresh();
     });
-    const end = (event) => { if (this.drop) this.drop(event); from = null; };
+    const end = (event) => {
+      fingers.delete(event.pointerId);
+      if (this.drop) this.drop(event);
+      from = null;
+    };
     canvas.addEventListener("pointerup", end);
     canvas.addEventListener("pointercancel", end);
   }

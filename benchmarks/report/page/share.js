@@ -10,13 +10,40 @@ class Share {
     this.replay = drive.replay;
     const button = (text, click) => el("button", { type: "button", on: { click } }, text);
     this.told = el("p", { class: "note", role: "status" });
-    this.part = el("details", { open: true }, el("summary", {}, "Share"), el("div", { class: "files" }, button("copy link", async () => { this.told.textContent = await this.link(); }), button("copy Python", () => this.python())), this.told);
+    this.field = el("input", { type: "text", placeholder: "paste a friend's link here", "aria-label": "a friend's link", on: { input: () => {
+      this.told.textContent = "";
+      this.paste(this.field.value, (text) => { this.told.textContent = text; });
+    } } });
+    this.part = el("details", { open: true }, el("summary", {}, "Share"), el("div", { class: "files" }, button("copy link", async () => { this.told.textContent = await this.link(); }), button("copy Python", () => this.python()), this.field), this.told);
     // a link that is pasted into the page, or into its address, is opened
     document.addEventListener("paste", (event) => {
-      const [, state] = event.clipboardData.getData("text").trim().split("#");
-      if (state && !/INPUT|SELECT/.test(event.target.tagName)) location.hash = state;
+      if (!/INPUT|SELECT/.test(event.target.tagName)) this.paste(event.clipboardData.getData("text"));
     });
-    window.addEventListener("hashchange", () => { if (location.hash !== "#replay") location.reload(); });
+    window.addEventListener("hashchange", () => { if (location.hash && location.hash !== "#replay") this.paste(location.hash); });
+  }
+
+  // Opens a link that was pasted; where that cannot be, what was shown stays.
+  paste(text, tell = problem) {
+    const [, held] = text.trim().split("#");
+    if (!held) {
+      if (tell !== problem && text) tell("That is no whole link: it has a # in it.");
+      return;
+    }
+    const before = encodeURIComponent(JSON.stringify(this.state()));
+    let left = false;
+    try {
+      this.read(held);
+      left = true;
+      this.restore(held);
+      byId("problem").hidden = true;
+      this.field.value = "";
+      history.replaceState(null, "", `#${held}`);
+      window.scrollTo({ top: 0, behavior: "instant" });
+    } catch (error) {
+      if (left) this.restore(before);
+      history.replaceState(null, "", `#${before}`);
+      tell(`The link cannot be opened: ${error.message}. What was shown stays.`);
+    }
   }
 
   // All that decides what is shown, as plain values.
@@ -39,15 +66,16 @@ class Share {
     const url = `${site || location.href.split("#")[0]}#${encodeURIComponent(state)}`;
     history.replaceState(null, "", `#${encodeURIComponent(state)}`);
     const there = await copied(url);
-    const told = there ? "Link copied." : "The link is in the address bar.";
+    if (!there) { this.field.value = url; this.field.select(); }
+    const told = there ? "Link copied." : "The browser lets nothing be copied: the link stands in the address bar, and in the field under Share.";
     const long = url.length > LONG ? ` It is long, ${url.length} characters: some chats cut it.` : "";
     const file = decodeURIComponent(location.pathname.split("/").pop());
-    return site || location.protocol !== "file:" ? `${told}${long}` : `${told} It works on this computer only, as this page is a file here. To send the run: send the file ${file} and the link; your friend opens the file and pastes the link into it (Ctrl+V).${long}`;
+    return site || location.protocol !== "file:" ? `${told}${long}` : `${told} It works on this computer only, as this page is a file here. To send the run: send the file ${file} and the link; your friend opens the file and pastes the link there, under Share.${long}`;
   }
 
-  // Shows what a link holds; an Error says what is wrong with it.
-  restore(text) {
-    const { drive, replay } = this;
+  // What a link holds, checked as far as that changes nothing of the page; an Error says what is wrong with it.
+  read(text) {
+    const { drive } = this;
     let state;
     try {
       state = JSON.parse(decodeURIComponent(text));
@@ -56,27 +84,39 @@ class Share {
     }
     if (typeof state !== "object" || state === null || state.v !== LINK) throw new Error(`its version is ${JSON.stringify(state && state.v)}; this page reads ${LINK}`);
     const known = (field, options, of = state) => {
-      if (!options.includes(of[field])) throw new Error(`${field} is ${JSON.stringify(of[field])}; it must be one of ${options.join(", ")}`);
+      if (!options.includes(of[field])) throw new Error(`${field} is ${of[field] === undefined ? "missing" : JSON.stringify(of[field])}; it must be one of ${options.join(", ")}`);
     };
     const object = (field, value) => {
       if (typeof value !== "object" || value === null || Array.isArray(value)) throw new Error(`${field} is ${JSON.stringify(value)}; it must be an object {...}`);
     };
     for (const field of ["sheet", "place"]) if (state[field] !== undefined) object(field, state[field]);
+    if (state.place !== undefined) picks.check(state.place);
     if (state.step !== undefined && !Number.isInteger(state.step)) throw new Error(`step is ${JSON.stringify(state.step)}; it must be a whole number`);
-    if (state.sheet !== undefined && drive.free) drive.adopt(state.sheet);
     const { kind } = state.world || { kind: `${(state.place || {}).family}`.split(":")[0] };
-    if (drive.free) known("robot", robotsOf(drive.kernels, taskOf(drive.kernels, { kind })));
+    const task = taskOf(drive.kernels, { kind });
+    const own = state.sheet !== undefined && drive.free ? [sheetOf(state.sheet, drive.kernels.tables.sheet).name] : [];
+    if (drive.free) known("robot", [...robotsOf(drive.kernels, task), ...own]);
     const conditions = { actuators: drive.kernels.tables.tiers, disturbance: Object.keys(drive.kernels.tables.disturbances) };
     for (const [field, options] of Object.entries(conditions)) known(field, options);
     if (state.embed !== undefined && !EMBEDS.includes(state.embed)) throw new Error(`embed is ${JSON.stringify(state.embed)}; it must be one of ${EMBEDS.join(", ")}`);
-    if (state.embed) this.embed(state.embed);
     if (!Array.isArray(state.runs) || state.runs.length > 60) throw new Error("runs must be a list of at most 60");
     state.runs.forEach((run, k) => {
       object(`runs[${k}]`, run);
       for (const [field, options] of Object.entries(conditions)) if (run[field] !== undefined) known(field, options, run);
+      if (drive.free && !own.length) known("policy", pilotsOf(drive.kernels, task, state.robot, run.actuators ?? state.actuators), run);
     });
     const world = state.world === undefined ? null : checkedWorld(state.world);
     if (state.place === undefined && !world) throw new Error("it names no scenario");
+    return { state, world, ghost: state.ghost === undefined ? null : unfolded(state.ghost) };
+  }
+
+  // Shows what a link holds; an Error says what is wrong with it.
+  restore(text) {
+    const { drive, replay } = this;
+    const { state, world, ghost } = this.read(text);
+    if (state.sheet !== undefined && drive.free) drive.adopt(state.sheet);
+    if (state.embed) this.embed(state.embed);
+    drive.editor.take(null);
     if (drive.free) { replay.robot = state.robot; drive.robot.value = state.robot; }
     if (state.place !== undefined) picks.restore(state.place, !world);
     if (world) {
@@ -108,7 +148,6 @@ class Share {
       replay.split(other);
     }
     if (state.overlay === true) drive.looks.turn(true);
-    const ghost = state.ghost === undefined ? null : unfolded(state.ghost);
     const friend = ghost && drive.add({ label: GHOST, tape: ghost });
     if (state.step) drive.pump(AHEAD);
     replay.stretch();
