@@ -96,7 +96,7 @@ class TaskSpec:
     suite: str  # of contests and tuned gains
     title: str
     asks: str  # what a robot shall do
-    kind: str  # "path", "goal" or "dock": what messages call its scenarios, and the field that tells a file of one
+    kind: str  # "path", "goal", "dock": of scenarios in messages; the field of a file that holds the path or pose
     observes: str  # "path", "reference" or "goal": what its policies see of what is asked of them
     module: str  # of wayfield.envs, that has its environments
     # the registered id for robots that are holonomic, and that are not: its stem is the class in the module, and
