@@ -39,17 +39,27 @@ class Results:
         # the info values, then the reward; the info flags, then whether the episode ended
         self.numbers = np.empty((len(task.info_names) + 1, num_envs))
         self.flags = np.empty((len(task.flag_names) + 1, num_envs), np.bool_)
-        self._names = (*task.info_names, *task.flag_names)
-        # a row a robot, of a task that tells them
-        self.constraints = np.empty((num_envs, len(task.constraints) if task.options.constraints else 0))
-        self.violated = np.empty(num_envs, np.bool_)
+        self._task = task
+        self.tells = task.options.constraints
+        if self.tells:  # a row a robot
+            self.constraints = np.empty((num_envs, len(task.constraints)))
+            self.violated = np.empty(num_envs, np.bool_)
 
     def infos(self) -> dict[str, NDArray[Any]]:
         """Returns the info, an array a name: a row a robot."""
-        found: dict[str, NDArray[Any]] = dict(zip(self._names, (*self.numbers[:-1], *self.flags[:-1]), strict=True))
-        if self.constraints.shape[1]:
-            found |= zip(constraints.NAMES, (self.constraints, self.violated), strict=True)
+        found: dict[str, NDArray[Any]] = dict(zip(self._task.info_names, self.numbers, strict=False))
+        found.update(zip(self._task.flag_names, self.flags, strict=False))
+        if self.tells:
+            found.update(zip(constraints.NAMES, (self.constraints, self.violated), strict=True))
         return found
+
+    def take(self, rows: NDArray[np.int64], others: "Results") -> None:
+        """Writes what others hold of some rows."""
+        self.observations[rows] = others.observations[rows]
+        self.numbers[:, rows] = others.numbers[:, rows]
+        self.flags[:, rows] = others.flags[:, rows]
+        if self.tells:
+            self.constraints[rows], self.violated[rows] = others.constraints[rows], others.violated[rows]
 
 
 class Batch:

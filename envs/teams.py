@@ -86,11 +86,7 @@ class TeamRows:
         batch.step(self.generators, results, None if meanwhile is None else partial(meanwhile, results))
         waiting = np.flatnonzero(~moved & ~self.alive)
         if len(waiting):
-            last = self._last
-            results.observations[waiting] = last.observations[waiting]
-            results.numbers[:, waiting] = last.numbers[:, waiting]
-            results.flags[:, waiting] = last.flags[:, waiting]
-            results.constraints[waiting], results.violated[waiting] = last.constraints[waiting], last.violated[waiting]
+            results.take(waiting, self._last)
         self.took_part = moved | self.alive
         terminated = results.flags[-1] & moved
         truncated = np.zeros(self.num_envs, np.bool_)
@@ -100,11 +96,8 @@ class TeamRows:
         if len(ended):
             self.alive[ended] = False
             last = self._last
-            last.observations[ended] = results.observations[ended]
-            last.numbers[:, ended] = results.numbers[:, ended]
+            last.take(ended, results)
             last.numbers[-1, ended] = 0.0
-            last.flags[:, ended] = results.flags[:, ended]
-            last.constraints[ended], last.violated[ended] = results.constraints[ended], results.violated[ended]
             last.flags[-1, ended] = False
         return results, terminated, truncated
 

@@ -152,10 +152,10 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             actions = self.batch.checked(actions, self._shape)
         batch = self.batch
         batch.actions[:] = actions
-        batch.skip[:] = self._ended | self.resting
+        np.logical_or(self._ended, self.resting, out=batch.skip)
         results = Results(self.task, self.num_envs)
         info: dict[str, Any] = {}
-        meanwhile = partial(self._meanwhile, self._ended & ~self.resting, results, info)
+        meanwhile = partial(self._meanwhile, self._ended, results, info)
         batch.step(self._generators, results, meanwhile if self._beside else None)
         if not self._beside:
             meanwhile()
@@ -164,7 +164,7 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         else:
             truncated = batch.states["steps"] >= self.max_episode_steps
         rewards, terminated = results.numbers[-1], results.flags[-1]
-        ended = (terminated | truncated) & ~self.resting
+        ended = (terminated | truncated) > self.resting  # and not
         if self.autoreset_mode == AutoresetMode.NEXT_STEP:
             self._ended = ended
             return results.observations, rewards, terminated, truncated, info
@@ -186,7 +186,7 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
     def _meanwhile(self, ended: NDArray[np.bool_], results: Results, info: dict[str, Any]) -> None:
         """Resets the robots that have ended and fills the info, whose arrays others may still be writing."""
         again = np.flatnonzero(ended)
-        if len(again):
+        if len(again) and len(again := again[~self.resting[again]]):
             self.batch.reset(again, self._generators, results)
         info.update(self._info(results))
 
