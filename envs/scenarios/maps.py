@@ -148,9 +148,12 @@ def _picture(file: str, name: Any) -> str:
     """
     bare = re.split(r"[\\/]", name)[-1] if isinstance(name, str) else name
     beside = file_beside(file, "image", bare if bare not in ("", ".", "..") else name)
-    with contextlib.suppress(ValueError):
-        if os.path.exists(named := file_beside(file, "image", name)):
-            return named
+    for each in (file, os.path.realpath(file)):  # a workspace may be installed with a link to the map alone
+        with contextlib.suppress(ValueError):
+            if os.path.exists(named := file_beside(each, "image", name)):
+                return named
+        if os.path.exists(found := os.path.join(os.path.dirname(each), os.path.basename(beside))):
+            return found
     return beside
 
 

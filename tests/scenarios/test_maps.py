@@ -159,6 +159,8 @@ def test_the_picture_is_found_beside_the_map_whatever_folder_it_names(tmp_path: 
     assert grid is not None
     assert grid.occupied.tolist() == maps.grid_from_file(str(file)).occupied.tolist()
     assert grid.occupied[::-1].tolist() == (PIXELS < 254).tolist()
+    (tmp_path / "scene" / "alone.yaml").symlink_to(file)  # or with a link to the map alone
+    assert maps.grid_from_file(str(tmp_path / "scene" / "alone.yaml")).occupied.tolist() == grid.occupied.tolist()
     named = [str(each) for each in maps.map_files(str(tmp_path / "scene" / "scene.json"), "maps/room.yaml")]
     assert all(Path(each).is_file() for each in named)
 
