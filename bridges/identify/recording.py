@@ -10,6 +10,7 @@ import dataclasses
 import hashlib
 import importlib.util
 import io
+import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -33,6 +34,7 @@ MOST_MESSAGES = 5_000_000  # of a topic
 MOST_SCANS = 2000  # that are kept, of those at rest; more say no more of their noise
 MOST_BEAMS = 20_000  # of a scan; those of more say nothing of a lidar, and none is read
 COLUMNS = ("t", "v_cmd", "w_cmd", "v", "w", "x", "y", "heading")
+ECHOED = {9: {"v_cmd": 3, "w_cmd": 8}, 89: {"v": 47, "w": 52}}  # cells of a TwistStamped and of an Odometry
 
 
 @dataclasses.dataclass(frozen=True)
@@ -101,7 +103,7 @@ def read_tables(file: Path, other: Path | None = None) -> Log:
     """Returns the recording of one or two tables with the columns t, v_cmd, w_cmd and t, v, w.
 
     A row belongs to the commands if it has both of theirs, and likewise to the odometry; x, y and heading (rad) are a
-    true pose.
+    true pose. What `ros2 topic echo --csv` writes of TwistStamped and Odometry is taken as well.
 
     Raises:
         ValueError: in one line that starts with file:line, if a column is missing or a cell is no number.
@@ -141,9 +143,17 @@ def _cells(path: Path, text: str) -> Iterator[tuple[int, dict[str, str]]]:
         separator = next((each for each in ";\t" if each in text.partition("\n")[0]), ",")
         rows = csv.reader(io.StringIO(text), delimiter=separator, strict=True)
         header = [each.strip() for each in next(rows, [])]
+        if "t" not in header and len(header) in ECHOED:
+            for row in itertools.chain([header], filter(None, rows)):
+                if len(row) != len(header) or not (row[0] + row[1]).isdigit():
+                    raise ValueError(f"{path}:{rows.line_num}: is no message as line 1, which ros2 topic echo wrote")
+                numbers = {name: row[place] for name, place in ECHOED[len(header)].items()}
+                yield rows.line_num, {"t": f"{row[0]}.{row[1]:0>9}", **numbers}
+            return
         if "t" not in header or len(set(header)) < len(header):
+            timeless = "; a Twist that ros2 topic echo wrote has no time: record a bag" if len(header) == 6 else ""
             raise ValueError(
-                f"{path}:1: columns are {shown(header)}; they must be some of {', '.join(COLUMNS)}, each once"
+                f"{path}:1: columns are {shown(header)}; they must be some of {', '.join(COLUMNS)}, each once{timeless}"
             )
         for row in rows:
             if not row:

@@ -135,6 +135,27 @@ def test_a_table_that_cannot_say_is_refused_in_a_line(name: str, text: str, told
     assert "\n" not in str(error.value)
 
 
+def test_what_topic_echo_writes_is_read_as_the_table_of_its_numbers(tmp_path: Path) -> None:
+    drive = driven(seconds=30.0)
+    texts = ["", "", "t,v_cmd,w_cmd\n", "t,v,w\n"]
+    for k, (times, twists, before) in enumerate(
+        ((drive.command_times, drive.commands, ""), (drive.times, drive.speeds, ",base" + ",0.0" * 43))
+    ):
+        for t, (v, w) in zip(times.tolist(), twists.tolist(), strict=True):
+            sec, nanosec = divmod(round(1e9 * t), 10**9)
+            texts[k] += f"{sec},{nanosec},odom{before},{v!r},0.0,0.0,0.0,0.0,{w!r}{',0.0' * 36 * k}\n"
+            texts[2 + k] += f"{sec}.{nanosec:09d},{v!r},{w!r}\n"
+    files = [tmp_path / f"{k}.csv" for k in range(4)]
+    for file, text in zip(files, texts, strict=True):
+        file.write_text(text)
+    echoed, plain = read_log(files[:2]), read_log(files[2:])
+    for name in ("command_times", "commands", "times", "speeds"):
+        np.testing.assert_array_equal(getattr(echoed, name), getattr(plain, name))
+    files[0].write_text(texts[0] + "A message was lost!!!\n")
+    with pytest.raises(ValueError, match=rf"0\.csv:{1 + len(drive.commands)}: is no message"):
+        read_log(files[:2])
+
+
 @pytest.mark.parametrize("separator", [";", "\t"])
 def test_columns_are_separated_by_what_separates_those_of_the_header(separator: str, tmp_path: Path) -> None:
     file, other = tmp_path / "drive.csv", tmp_path / "other.csv"
