@@ -77,9 +77,9 @@ class Draws {
 
   // Whether there is such a scene; an Error says what is wrong.
   check({ family, seed }) {
-    if (!this.families.has(family)) throw new Error(`family is ${family === undefined ? "missing" : JSON.stringify(family)}; the page has no such scene`);
+    if (!this.families.has(family)) throw new Error(`family is ${quoted(family)}; the page has no such scene`);
     const count = this.families.get(family).length;
-    if (!Number.isInteger(seed) || seed < 0 || seed >= count) throw new Error(`seed is ${JSON.stringify(seed)}; it must be from 0 to ${count - 1}`);
+    if (!Number.isInteger(seed) || seed < 0 || seed >= count) throw new Error(`seed is ${quoted(seed)}; it must be from 0 to ${count - 1}`);
   }
 
   restore({ family, seed }) {

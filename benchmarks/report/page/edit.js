@@ -56,6 +56,12 @@ const shapeOf = {
   },
 };
 
+// What has to be free and has a thing on it, in words; "" where the thing stands well.
+function standsOn(shape, { start, goal }, robot) {
+  const on = (pose) => pose && distanceTo(shape, pose[0], pose[1]) < (HULLS[robot] || 0.25);
+  return on(start) ? "where the robot starts" : on(goal) ? "on the star" : "";
+}
+
 class Editor {
   constructor(drive) {
     this.drive = drive;
@@ -325,9 +331,7 @@ class Editor {
 
   // Whether what was drawn stands where the robot starts or is to arrive; it is told.
   covers() {
-    const { world, robot } = this.replay;
-    const on = (pose) => pose && distanceTo(this.made, pose[0], pose[1]) < (HULLS[robot] || 0.25);
-    const place = on(world.start) ? "where the robot starts" : on(world.goal) ? "on the star" : "";
+    const place = standsOn(this.made, this.replay.world, this.replay.robot);
     if (place) this.tell(`Nothing can stand ${place}: put it elsewhere.`);
     return Boolean(place);
   }
@@ -425,7 +429,14 @@ class Editor {
       const text = image ? "" : await file.text();
       if (/"(wheels|hull)"\s*:/.test(text)) { this.drive.adopt(JSON.parse(text)); this.file.value = ""; return; }
       if (image) this.map(await pixelsOf(file), name, IMAGE_SIDE);
-      else this.open(worldOf(text, name), `${name}: a scenario of your own.`);
+      else {
+        const world = worldOf(text, name);
+        for (const [k, shape] of (world.obstacles || []).entries()) {
+          const place = standsOn(shape, world, this.replay.robot);
+          if (place) throw new Error(`obstacles[${k}] stands ${place}`);
+        }
+        this.open(world, `${name}: a scenario of your own.`);
+      }
       this.say("");
       this.drive.go(false);
     } catch (error) {

@@ -9,20 +9,26 @@ const MOST_POINTS = 20000;
 const MOST_OBSTACLES = 1000;
 const FARTHEST = 1e5; // m
 
+// A value as a sentence tells it: a long one is cut.
+function quoted(value) {
+  const text = value === undefined ? "missing" : JSON.stringify(value);
+  return text.length > 60 ? `${text.slice(0, 58)}…` : text;
+}
+
 function asNumber(field, value, least = -FARTHEST, most = FARTHEST) {
   if (typeof value !== "number" || !Number.isFinite(value) || value < least || value > most) {
-    throw new Error(`${field} is ${value === undefined ? "missing" : JSON.stringify(value)}; it must be a number${least > -FARTHEST ? ` of at least ${least}` : ""}${most < FARTHEST ? ` and at most ${most}` : ""}`);
+    throw new Error(`${field} is ${quoted(value)}; it must be a number from ${least} to ${most}`);
   }
   return value;
 }
 
 function asNumbers(field, value, count) {
-  if (!Array.isArray(value) || value.length !== count) throw new Error(`${field} is ${JSON.stringify(value)}; it must be ${count} numbers`);
+  if (!Array.isArray(value) || value.length !== count) throw new Error(`${field} is ${quoted(value)}; it must be ${count} numbers`);
   return value.map((each, k) => asNumber(`${field}[${k}]`, each));
 }
 
 function asObstacle(field, value) {
-  if (typeof value !== "object" || value === null || !SHAPES[value.kind]) throw new Error(`${field}.kind is ${JSON.stringify(value && value.kind)}; it must be circle, box or wall`);
+  if (typeof value !== "object" || value === null || !Object.keys(SHAPES).includes(value.kind)) throw new Error(`${field}.kind is ${quoted(value ? value.kind : undefined)}; it must be circle, box or wall`);
   for (const name of SHAPES[value.kind]) if (!(name in value)) throw new Error(`field ${field}.${name} is missing`);
   const known = [...SHAPES[value.kind], "kind", "mass", "heading", "patrol"];
   for (const name of Object.keys(value)) if (!known.includes(name)) throw new Error(`field ${field}.${name} is not known`);

@@ -221,7 +221,9 @@ function drawActor(context, actor, k, hull, pixel, chosen) {
   context.globalAlpha = 1;
 }
 
-// Who is who, above the robots or below, one above the other where they stand close; those on one spot share a name.
+const MANY = 6; // robots, whose names would be a pile
+
+// Who is who, above the robots or below, one above the other where few stand close; those on one spot share a name.
 function drawNames(context, view, actors, k, hull, pixel) {
   const placed = [];
   const [middle, height] = [view.centre[0] * view.pixels, -view.centre[1] * view.pixels];
@@ -244,7 +246,7 @@ function drawNames(context, view, actors, k, hull, pixel) {
     const room = Math.max(view.width / 2 - half, 0);
     const at = Math.min(Math.max(x / pixel, middle - room), middle + room);
     const [above, below] = [(-y - hull) / pixel - 6, (-y + hull) / pixel + 16];
-    const free = [0, 1, 2, -1, -2].map((row) => (row < 0 ? below - 16 * (row + 1) : above - 16 * row))
+    const free = (actors.length > MANY ? [0, -1] : [0, 1, 2, -1, -2]).map((row) => (row < 0 ? below - 16 * (row + 1) : above - 16 * row))
       .find((foot) => Math.abs(foot - 5 - height) < view.height / 2 - 8 && placed.every(([px, py, ph]) => Math.abs(px - at) > ph + half || Math.abs(py - foot) >= 16));
     if (free === undefined) continue;
     placed.push([at, free, half]);

@@ -82,23 +82,23 @@ class Share {
     } catch {
       throw new Error("it is cut off or was changed");
     }
-    if (typeof state !== "object" || state === null || state.v !== LINK) throw new Error(`its version is ${JSON.stringify(state && state.v)}; this page reads ${LINK}`);
+    if (typeof state !== "object" || state === null || state.v !== LINK) throw new Error(`its version is ${quoted(state && state.v)}; this page reads ${LINK}`);
     const known = (field, options, of = state) => {
-      if (!options.includes(of[field])) throw new Error(`${field} is ${of[field] === undefined ? "missing" : JSON.stringify(of[field])}; it must be one of ${options.join(", ")}`);
+      if (!options.includes(of[field])) throw new Error(`${field} is ${quoted(of[field])}; it must be one of ${options.join(", ")}`);
     };
     const object = (field, value) => {
-      if (typeof value !== "object" || value === null || Array.isArray(value)) throw new Error(`${field} is ${JSON.stringify(value)}; it must be an object {...}`);
+      if (typeof value !== "object" || value === null || Array.isArray(value)) throw new Error(`${field} is ${quoted(value)}; it must be an object {...}`);
     };
     for (const field of ["sheet", "place"]) if (state[field] !== undefined) object(field, state[field]);
     if (state.place !== undefined) picks.check(state.place);
-    if (state.step !== undefined && !Number.isInteger(state.step)) throw new Error(`step is ${JSON.stringify(state.step)}; it must be a whole number`);
+    if (state.step !== undefined && !Number.isInteger(state.step)) throw new Error(`step is ${quoted(state.step)}; it must be a whole number`);
     const { kind } = state.world || { kind: `${(state.place || {}).family}`.split(":")[0] };
     const task = taskOf(drive.kernels, { kind });
     const own = state.sheet !== undefined && drive.free ? [sheetOf(state.sheet, drive.kernels.tables.sheet).name] : [];
     if (drive.free) known("robot", [...robotsOf(drive.kernels, task), ...own]);
     const conditions = { actuators: drive.kernels.tables.tiers, disturbance: Object.keys(drive.kernels.tables.disturbances) };
     for (const [field, options] of Object.entries(conditions)) known(field, options);
-    if (state.embed !== undefined && !EMBEDS.includes(state.embed)) throw new Error(`embed is ${JSON.stringify(state.embed)}; it must be one of ${EMBEDS.join(", ")}`);
+    if (state.embed !== undefined && !EMBEDS.includes(state.embed)) throw new Error(`embed is ${quoted(state.embed)}; it must be one of ${EMBEDS.join(", ")}`);
     if (!Array.isArray(state.runs) || state.runs.length > 60) throw new Error("runs must be a list of at most 60");
     state.runs.forEach((run, k) => {
       object(`runs[${k}]`, run);
@@ -129,7 +129,7 @@ class Share {
     drive.offer();
     const able = drive.able();
     for (const run of state.runs) {
-      if (!able.includes(run.policy)) throw new Error(`policy is ${JSON.stringify(run.policy)}; here drive ${able.join(", ")}`);
+      if (!able.includes(run.policy)) throw new Error(`policy is ${quoted(run.policy)}; here drive ${able.join(", ")}`);
       drive.tier.value = run.actuators ?? state.actuators;
       drive.disturbance.value = run.disturbance ?? state.disturbance;
       const gains = checkedGains(run.gains, drive.gains.recipe(run.policy));
@@ -144,7 +144,7 @@ class Share {
     drive.chosenPolicy();
     if (state.beside !== undefined) {
       const other = replay.actors.find((actor) => [actor.label, actor.policy].includes(state.beside));
-      if (!other) throw new Error(`beside is ${JSON.stringify(state.beside)}; the runs are ${replay.actors.map((actor) => actor.label).join(", ")}`);
+      if (!other) throw new Error(`beside is ${quoted(state.beside)}; the runs are ${replay.actors.map((actor) => actor.label).join(", ")}`);
       replay.split(other);
     }
     if (state.overlay === true) drive.looks.turn(true);
@@ -189,15 +189,15 @@ function stripped(world) {
 // A world that came by a link: only numbers, lists and the few words that worlds have.
 function checkedWorld(world) {
   if (typeof world !== "object" || world === null) throw new Error("its scene is no object");
-  for (const field of ["kind", "name", "family", "tier"]) if (typeof world[field] !== "string") throw new Error(`its scene's ${field} is ${JSON.stringify(world[field])}`);
-  if (!["path", "goal", "dock", "team", "people"].includes(world.kind)) throw new Error(`its scene's kind is ${JSON.stringify(world.kind)}`);
+  for (const field of ["kind", "name", "family", "tier"]) if (typeof world[field] !== "string") throw new Error(`its scene's ${field} is ${quoted(world[field])}`);
+  if (!["path", "goal", "dock", "team", "people"].includes(world.kind)) throw new Error(`its scene's kind is ${quoted(world.kind)}`);
   const rows = (field, width, most) => {
     const value = world[field] || [];
     if (!Array.isArray(value) || value.length > most) throw new Error(`its scene's ${field} is no list of at most ${most}`);
     return value.map((row, k) => asNumbers(`${field}[${k}]`, row, width));
   };
   const number = (field, least) => asNumber(field, world[field], least);
-  if (!Number.isInteger(world.steps) || world.steps < 1) throw new Error(`steps is ${JSON.stringify(world.steps)}; it must be a whole number of at least 1`);
+  if (!Number.isInteger(world.steps) || world.steps < 1) throw new Error(`steps is ${quoted(world.steps)}; it must be a whole number of at least 1`);
   for (const field of ["start_offset", "start_turn"]) number(field, 0);
   if (world.speed !== undefined) number("speed", 1e-3);
   for (const field of ["start", "goal"]) if (world[field]) asNumbers(field, world[field], 3);
@@ -241,13 +241,13 @@ function checkedBodies(world, rows) {
 
 function checkedGains(gains, recipe) {
   if (gains === undefined) return {};
-  if (typeof gains !== "object" || gains === null) throw new Error(`gains is ${JSON.stringify(gains)}; it must be an object {...}`);
+  if (typeof gains !== "object" || gains === null) throw new Error(`gains is ${quoted(gains)}; it must be an object {...}`);
   for (const [name, value] of Object.entries(gains)) {
     const gain = ((recipe && recipe.gains) || []).find((each) => each.name === name);
-    if (!gain) throw new Error(`its policy has no gain ${JSON.stringify(name)}`);
+    if (!gain) throw new Error(`its policy has no gain ${quoted(name)}`);
     const { low, high, whole } = gain;
-    if (whole && !Number.isInteger(value)) throw new Error(`${name} is ${JSON.stringify(value)}; it must be a whole number`);
-    if (typeof value !== "number" || !(value >= low && value <= high)) throw new Error(`${name} is ${JSON.stringify(value)}; it must be from ${short(low)} to ${short(high)}`);
+    if (whole && !Number.isInteger(value)) throw new Error(`${name} is ${quoted(value)}; it must be a whole number`);
+    if (typeof value !== "number" || !(value >= low && value <= high)) throw new Error(`${name} is ${quoted(value)}; it must be from ${short(low)} to ${short(high)}`);
   }
   return gains;
 }
