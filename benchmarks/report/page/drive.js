@@ -128,7 +128,7 @@ class Drive {
     const able = this.able();
     const shown = this.runs.find((run) => run.actor === replay.chosen); // who is looked at is who is chosen
     const before = shown && shown.asked.label !== GHOST ? shown.asked.label : who.value;
-    who.replaceChildren(...[KEYBOARD, ...able].map((each) => el("option", { value: each }, each === KEYBOARD ? "drive it yourself (arrow keys)" : called(each))));
+    who.replaceChildren(...[KEYBOARD, ...able].map((each) => el("option", { value: each }, each !== KEYBOARD ? called(each) : coarse() ? "drive it yourself" : "drive it yourself (arrow keys)")));
     who.value = able.includes(before) || before === KEYBOARD ? before : this.usual(able) || KEYBOARD;
     const others = replay.told.demo ? (replay.told.demo.unable || {})[replay.world.kind] || [] : [];
     const unable = [...new Set([...replay.actors.filter((actor) => actor.told && !able.includes(actor.policy)).map((actor) => actor.policy), ...others])];
