@@ -58,7 +58,7 @@ class Draws {
       drive.clear();
       drive.editor.take(null);
     }
-    this.replay.show(world, robot, [], `In Python: ${world.family}.${world.walks ? ` ${ABOUT_BODIES[world.kind]}` : ""} No network has practised in this very scene.`);
+    this.replay.show(world, robot, [], `In Python: ${world.family}.${world.walks ? ` ${ABOUT_BODIES[world.kind]}` : ""} The networks did not train on it.`);
     if (!drive || this.silent) return;
     if (drive.who.value === KEYBOARD) drive.who.value = drive.usual(drive.able()) || KEYBOARD;
     drive.go(false);

@@ -2,8 +2,8 @@
 
 const TOOLS = { move: "move", disc: "disc", box: "box", wall: "wall", path: "path" };
 const HINTS = { move: "Drag things; the small squares resize and turn them.", disc: "Click or tap where a disc is to stand; drag for a larger one.", box: "Click or tap where a box is to stand; drag for a larger one.",
-  wall: "Click or tap where a wall is to stand, or drag from end to end.", path: "Draw a line in the picture: everybody follows it when you let go." };
-const AGAIN = { disc: "It drives again, with what you put there. Click or tap for another.", path: "They follow your line. Draw another one as you like." };
+  wall: "Click or tap where a wall is to stand, or drag from end to end.", path: "Draw a line in the picture: all controllers follow it when you let go." };
+const AGAIN = { disc: "It drives again. Click or tap for another disc.", path: "They follow your line. Draw another one as you like." };
 const BY_KEYS = " Arrow keys move the cross (Shift: farther), Enter presses and lets go, Escape ends.";
 const CLICKED = 0.3; // m, from the middle to the edges of what a click puts down
 const SPACING = 0.1; // m between the points of a drawn path
@@ -57,9 +57,9 @@ const shapeOf = {
 };
 
 // What has to be free and has a thing on it, in words; "" where the thing stands well.
-function standsOn(shape, { start, goal }, robot) {
+function standsOn(shape, { start, goal, starts = [], goals = [] }, robot) {
   const on = (pose) => pose && distanceTo(shape, pose[0], pose[1]) < (HULLS[robot] || 0.25);
-  return on(start) ? "where the robot starts" : on(goal) ? "on the star" : "";
+  return on(start) || starts.some(on) ? "where a robot starts" : on(goal) ? "on the star" : goals.some(on) ? "where another robot is to arrive" : "";
 }
 
 class Editor {
@@ -121,7 +121,7 @@ class Editor {
   tell(text) {
     const { hint, world: { own } } = this.replay;
     hint.hidden = this.tool === null;
-    hint.replaceChildren(...(this.tool === null ? [] : [text + (this.keys ? BY_KEYS : ""), own ? el("button", { type: "button", on: { click: () => this.undo() } }, "take away") : null, el("button", { type: "button", on: { click: () => this.done() } }, "done")].filter(Boolean)));
+    hint.replaceChildren(...(this.tool === null ? [] : [text + (this.keys ? BY_KEYS : ""), own ? el("button", { type: "button", on: { click: () => this.takeBack() } }, "undo last") : null, el("button", { type: "button", on: { click: () => this.done() } }, "done")].filter(Boolean)));
   }
 
   // Where a path was to be drawn and was not, somebody drives in the scene that was there.
@@ -151,6 +151,7 @@ class Editor {
 
   change(apply) {
     const { replay, drive } = this;
+    this.over = replay.step >= replay.last;
     if (replay.world === drive.original) {
       replay.world = structuredClone(drive.original);
       delete replay.world.made; // what was moved by hand stays there for every hull
@@ -158,7 +159,7 @@ class Editor {
       replay.world.edited = true;
       for (const actor of replay.actors) if (actor.told) actor.ghost = true;
       this.about = replay.told_of.textContent;
-      replay.told_of.textContent = "A scene that you changed; “reset scene” below brings it back.";
+      replay.told_of.textContent = "A scene that you changed; “reset scene”, under “Edit the scene”, brings it back.";
       replay.listActors();
     }
     apply(replay.world);
@@ -176,6 +177,16 @@ class Editor {
     drive.changed();
     replay.listActors();
     drive.race.tellScene();
+  }
+
+  // Of the things that were put the last one goes, and it drives again.
+  takeBack() {
+    this.handle = { kind: "obstacle", index: this.replay.world.obstacles.length - 1 };
+    this.remove();
+    const { drive, replay: { world } } = this;
+    if (["obstacles", "start", "goal", "waypoints"].every((field) => JSON.stringify(world[field]) === JSON.stringify(drive.original[field]))) this.undo();
+    this.restarted();
+    this.tell(this.replay.world.own ? AGAIN[this.tool] : HINTS[this.tool]);
   }
 
   remove() {
@@ -313,7 +324,6 @@ class Editor {
     this.to = null;
     if (tool === "path") { this.follow(drawnPath(this.line)); return; }
     if (tool !== "move" && this.covers()) { this.replay.refresh(); return; }
-    const over = this.replay.step >= this.replay.last; // a run that is over starts again
     if (tool !== "move") {
       this.change((world) => {
         world.obstacles.push(this.made);
@@ -324,9 +334,15 @@ class Editor {
     }
     if (this.replay.world !== this.drive.original) this.drive.changed();
     if (tool === "move") return;
-    if (over) this.replay.seek(0);
+    this.restarted();
     this.ended();
-    this.replay.toggle(true);
+  }
+
+  // A run that was over in the picture starts again.
+  restarted() {
+    const { replay } = this;
+    if (this.over) replay.seek(0);
+    replay.toggle(true);
   }
 
   // Whether what was drawn stands where the robot starts or is to arrive; it is told.
@@ -349,7 +365,11 @@ class Editor {
     const { drive, replay } = this;
     const world = { kind: "path", name: "drawn", family: "", tier: "", quantity: null, steps: 2400, ...drawn, laps: 1, corridor: 1, start: null, start_offset: 0, start_turn: 0, edited: true };
     replay.blank = false;
+    const { bounds, zoom, middle, least } = replay.view;
+    const tall = replay.app.style.getPropertyValue("--tall");
     this.open(world, "A path that you drew; grey: the 1 m to either side within which a robot is still on it.");
+    Object.assign(replay.view, { bounds, zoom, middle, least }); // the line stays where it was drawn
+    replay.app.style.setProperty("--tall", tall);
     this.ended();
     drive.all();
   }

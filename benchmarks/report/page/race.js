@@ -39,9 +39,11 @@ class Race {
     drive.replay.board.append(this.banner);
     if (this.challenges.length) this.lay();
     document.addEventListener("keydown", (event) => {
-      if (event.key.toLowerCase() !== "r" || event.ctrlKey || event.metaKey || event.altKey || !this.drive.hand || /INPUT|SELECT/.test(event.target.tagName)) return;
+      const key = event.key.toLowerCase();
+      const act = key === "r" ? () => this.again() : key === "enter" && event.target === this.replay.canvas && this.begin;
+      if (!act || event.ctrlKey || event.metaKey || event.altKey || !this.drive.hand || /INPUT|SELECT/.test(event.target.tagName)) return;
       event.preventDefault();
-      this.again();
+      act();
     });
   }
 
@@ -73,7 +75,7 @@ class Race {
     const hand = run && !run.actor.outcome;
     const modes = [hand && !editor.stays, editor.stays && editor.tool === "path", editor.stays && editor.tool === "disc"];
     this.large.forEach((button, k) => button.setAttribute("aria-pressed", Boolean(modes[k])));
-    this.sentence.textContent = hand ? this.asked(run) : this.opening ? demo.sentence : this.closest() || ABOUT;
+    this.sentence.textContent = hand ? this.asked(run) : this.run ? "Try again, take another challenge, or send a friend your run." : this.opening ? demo.sentence : this.closest() || ABOUT;
     this.number.value = this.now < 0 ? "" : String(this.now);
     if (editor.stays && this.closest()) editor.tell(`${this.closest()} Draw another line as you like.`);
   }
@@ -82,9 +84,9 @@ class Race {
   asked(run) {
     const { replay } = this;
     const others = replay.actors.filter((actor) => actor !== run.actor);
-    if (run.tape.length && others.length && others.every((actor) => replay.tells(actor))) return "The others are through. Drive on, or press “Race it” to start again.";
+    if (run.tape.length && others.length && others.every((actor) => replay.tells(actor))) return "The others have ended. Drive on, or press “Race it” to start again.";
     const turn = coarse() ? `hold “ahead” to drive, ${run.simulator.body.axes.length > 2 ? "“turn left” and “turn right”" : "“left” and “right”"} to turn` : "hold ↑ to drive, ← and → to turn";
-    return `${ASKED[replay.world.kind] || "Drive to the star"}: ${turn}. The clock starts with your first press.`;
+    return `${ASKED[replay.world.kind] || "Drive to the star"}: ${turn}${run.simulator.body.axes.length > 2 ? "; it goes sideways too" : ""}. The clock waits for your first press.`;
   }
 
   // Along a path that was drawn: who kept to it best, once all have driven it.
@@ -112,7 +114,7 @@ class Race {
     const { best } = this;
     this.number.replaceChildren(el("option", { value: "", disabled: true }, "choose a challenge"), ...this.challenges.map(({ name }, k) => {
       const found = best[this.key(k)];
-      return el("option", { value: k }, `${k + 1}. ${name}${found ? `: ${found.medal || "done"}` : ""}`);
+      return el("option", { value: k }, `${k + 1}. ${name}${found ? `: ${found.medal || "finished"}` : ""}`);
     }));
     this.number.value = this.now < 0 ? "" : String(this.now);
   }
@@ -164,8 +166,13 @@ class Race {
   }
 
   put(keys) {
-    const { drive, replay } = this;
-    if (replay.other || replay.world.path || !replay.world.goal) this.place(this.challenges[0]);
+    const { drive, drive: { hand }, replay } = this;
+    if (hand) {
+      drive.endHand();
+      replay.takeOut(hand.actor);
+    }
+    if (replay.world.path || !replay.world.goal) this.place(this.challenges[0]);
+    replay.split(null);
     if (!drive.runs.length) {
       if (drive.who.value === KEYBOARD) drive.who.value = drive.usual(drive.able());
       drive.go();
@@ -185,8 +192,9 @@ class Race {
   countDown() {
     const { replay: { hint, actors, canvas } } = this;
     const k = this.now;
-    this.run = null;
+    this.run = this.begin = null;
     const show = (left) => {
+      this.begin = null;
       hint.hidden = true;
       this.say(el("strong", {}, left ? String(left) : "Go!"));
       this.banner.classList.add("count");
@@ -199,8 +207,9 @@ class Race {
     const found = k < 0 ? null : this.best[this.key(k)];
     const rule = this.replay.world.kind === "dock" ? `${ASKED.dock}. ` : count > 1 ? `gold for the first of ${count}${count > 2 ? ", then silver, bronze" : ""}. ` : "";
     hint.hidden = false;
-    hint.replaceChildren(`${k < 0 ? "" : `${k + 1}. ${this.challenges[k].name}: `}${rule}${found ? `Your best: ${found.time.toFixed(2)} s. ` : ""}The clock starts with your first press. `,
-      this.button("Start", () => show(still() ? 0 : 3), { class: "go" }));
+    hint.replaceChildren(`${k < 0 ? "" : `${k + 1}. ${this.challenges[k].name}: `}${rule}${found ? `Your best: ${found.time.toFixed(2)} s. ` : ""}The clock waits for your first press. `,
+      this.button("Start", () => this.begin(), { class: "go" }));
+    this.begin = () => show(still() ? 0 : 3);
   }
 
   button(text, click, attributes = {}) {
@@ -209,6 +218,7 @@ class Race {
 
   go() {
     clearTimeout(this.timer);
+    this.begin = null;
     if (!this.run) this.banner.hidden = this.replay.hint.hidden = true;
     this.replay.canvas.focus({ preventScroll: true });
     this.replay.toggle(true);
@@ -216,17 +226,24 @@ class Race {
 
   clear() {
     clearTimeout(this.timer);
-    this.run = null;
+    this.run = this.begin = null;
     this.banner.hidden = this.replay.hint.hidden = true;
   }
 
-  // A card in that half of the picture in which the robot is not.
+  // A card in that half of the picture in which the robot is not; where it needs more, the picture makes way.
   say(...parts) {
-    const { replay: { view, chosen, step } } = this;
+    const { replay, replay: { view, canvas, chosen, step } } = this;
     const k = chosen ? Math.min(step, chosen.x.length - 1) : -1;
     this.banner.className = `banner${k >= 0 && chosen.y[k] <= view.centre[1] ? " high" : ""}`;
     this.banner.replaceChildren(...parts.filter(Boolean));
     this.banner.hidden = false;
+    if (k < 0) return;
+    const [card, picture] = [this.banner, canvas].map((each) => each.getBoundingClientRect());
+    const at = picture.top + picture.height / 2 - (chosen.y[k] - view.centre[1]) * view.pixels;
+    const high = card.top - picture.top < picture.bottom - card.bottom;
+    const free = high ? picture.bottom - card.bottom : card.top - picture.top;
+    if (at > card.top - 24 && at < card.bottom + 24) view.moveBy(0, (high ? card.bottom + free / 2 : picture.top + free / 2) - at);
+    replay.refresh();
   }
 
   over(run) {
@@ -242,8 +259,9 @@ class Race {
     if (!run) return;
     const steps = ({ x }) => x.length - 1;
     const seconds = (count) => `${(count * DT).toFixed(2)}\u00a0s`;
-    const field = replay.actors.filter((actor) => !actor.ghost);
-    const rivals = field.filter(({ policy }) => policy !== GHOST && policy !== KEYBOARD);
+    const friend = replay.actors.find(({ policy }) => policy === GHOST);
+    const field = replay.actors.filter((actor) => !actor.ghost && actor !== friend);
+    const rivals = field.filter(({ policy }) => policy !== KEYBOARD);
     const arrived = (actor) => actor.outcome === "success";
     const times = rivals.filter(arrived).map(steps).sort((a, b) => a - b);
     const settled = rivals.every((actor) => actor.outcome || steps(actor) > steps(run.actor));
@@ -254,14 +272,27 @@ class Race {
     const wanted = rivals.every(({ outcome }) => outcome) ? [...new Set([Math.min(place < 0 ? 3 : place, rivals.length) - 1, 0])].filter((k) => k >= 0 && k < rivals.length && place !== 0) : [];
     const better = wanted.map((k) => `${MEDALS[k]} ${times[k] ? `within ${seconds(times[k])}` : "for any finish"}`);
     const order = [...field].sort((a, b) => arrived(b) - arrived(a) || Boolean(a.outcome) - Boolean(b.outcome) || steps(a) - steps(b) || (b === run.actor) - (a === run.actor));
-    const rows = order.map((actor) => el("li", { class: actor === run.actor ? "mine" : "" }, el("span", {}, actor === run.actor ? "you" : actor.label), el("span", {}, arrived(actor) ? seconds(steps(actor)) : OUTCOMES[actor.outcome] || "still drives")));
+    const shown = order.length > 6 ? order.filter((actor, k) => k < 4 || actor === run.actor) : order;
+    const rows = shown.map((actor) => el("li", { class: actor === run.actor ? "mine" : "" }, el("span", {}, actor === run.actor ? "you" : actor.label.replace(/ \(.*\)/, "")), el("span", {}, arrived(actor) ? seconds(steps(actor)) : OUTCOMES[actor.outcome] || "still drives")));
     const next = this.nth >= 0 && this.nth + 1 < this.challenges.length;
     const forward = next && medal === "gold" ? "go" : null;
     this.say(this.ended(run, ENDED[run.actor.outcome]),
-      place < 0 || !rivals.length ? null : el("p", { class: medal ? `medal ${medal}` : "" }, `${["1st", "2nd", "3rd"][place] || `${place + 1}th`} of ${rivals.length + 1}: ${medal || "no"} medal`),
-      rivals.length ? el("ol", { class: "order" }, rows) : null, better.length ? el("p", {}, `Needed: ${better.join(", ")}.`) : null,
+      ...(place < 0 || !rivals.length ? [] : [el("p", { class: medal ? `medal ${medal}` : "" }, `${medal ? medal[0].toUpperCase() + medal.slice(1) : "No"} medal`),
+        el("p", {}, `${["1st", "2nd", "3rd"][place] || `${place + 1}th`} of ${rivals.length + 1}${times.includes(steps(run.actor)) ? ", a tie" : ""}`)]),
+      rivals.length ? el("ol", { class: "order" }, rows, shown.length < order.length ? el("li", {}, el("span", {}, `and ${order.length - shown.length} others`), el("span")) : null) : null, friend ? el("p", { class: "needed" }, this.beside(run.actor, friend)) : null, better.length ? el("p", { class: "needed" }, `Needed: ${better.join(", ")}.`) : null,
       el("div", { class: "files" }, this.button(coarse() ? "Try again" : "Try again (R)", () => this.again(), { class: forward ? null : "go" }), next ? this.button("Next challenge", () => this.open(this.nth + 1), { class: forward }) : null,
-        this.button("Copy a link to race this run", async () => this.tell(await drive.share.link())), this.button("close", () => { this.clear(); drive.rest(); })), told ? el("p", { class: "note" }, told) : null);
+        this.button("Copy a link to race this run", async () => this.tell(await drive.share.link())), this.button("close", () => { this.clear(); drive.rest(); this.tellScene(); })), told ? el("p", { class: "note" }, told) : null);
+  }
+
+  // One's own run beside that of a friend, in a sentence.
+  beside(mine, friend) {
+    const arrived = [mine, friend].map(({ outcome }) => outcome === "success");
+    const [gap, last] = [friend.x.length - mine.x.length, friend.x.length - 1].map((steps) => `${Math.abs(steps * DT).toFixed(2)}\u00a0s`);
+    if (!friend.outcome) return "Your friend still drives.";
+    if (!arrived[1]) return `Your friend did not arrive${arrived[0] ? ": you win" : " either"}.`;
+    if (!arrived[0]) return `Your friend arrived in ${last}.`;
+    if (friend.x.length === mine.x.length) return "You and your friend took the same time.";
+    return friend.x.length > mine.x.length ? `You beat your friend by ${gap}.` : `Your friend was ${gap} faster.`;
   }
 
   // How a run by hand ended, and its time: the one large number of a card.

@@ -243,6 +243,7 @@ class Replay {
     const [x0, y0, x1, y1] = this.view.bounds;
     this.app.style.setProperty("--tall", `${(y1 - y0) / (x1 - x0)}`); // on a phone the picture is no taller than its scene
     this.refresh();
+    requestAnimationFrame(() => { this.view.stale = true; this.refresh(); }); // a size that came back within a frame tells no observer
   }
 
   // Whether the list tells how a run ends: nothing is given away of one that is still on its way in the picture.

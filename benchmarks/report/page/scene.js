@@ -214,6 +214,13 @@ function drawActor(context, actor, k, hull, pixel, chosen) {
   context.fill();
   context.globalAlpha = alpha;
   context.stroke();
+  if (chosen) { // light around its nose, which shows where it looks
+    context.beginPath();
+    context.arc(x, y, 0.95 * hull, 0, 2 * Math.PI);
+    [context.fillStyle, context.globalAlpha] = [ink("--paper"), 0.6 * alpha];
+    if (!BOXES[actor.robot]) context.fill();
+    [context.fillStyle, context.globalAlpha] = [colour, alpha];
+  }
   context.beginPath(); // its nose
   for (const [turn, far] of [[0, 1], [2.5, 0.8], [Math.PI, 0.25], [-2.5, 0.8]]) context.lineTo(x + far * hull * Math.cos(heading + turn), y + far * hull * Math.sin(heading + turn));
   context.fill();

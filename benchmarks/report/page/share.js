@@ -37,8 +37,9 @@ class Share {
       this.restore(held);
       byId("problem").hidden = true;
       this.field.value = "";
+      this.field.blur();
       history.replaceState(null, "", `#${held}`);
-      window.scrollTo({ top: 0, behavior: "instant" });
+      setTimeout(() => window.scrollTo({ top: 0, behavior: "instant" }), 0); // after the browser has shown where the text went
     } catch (error) {
       if (left) this.restore(before);
       history.replaceState(null, "", `#${before}`);
