@@ -4,7 +4,6 @@ import contextlib
 import dataclasses
 import importlib.util
 import os
-import signal
 import subprocess
 import sys
 import textwrap
@@ -261,7 +260,7 @@ def run_quick(options: Options) -> None:
     folder = options.folder(QUICK, options.differing("kinematic", "lagged"))
     few = dataclasses.replace(options, suite=QUICK, policies=QUICK_POLICIES, families=QUICK_FAMILIES)
     few = dataclasses.replace(few, contests=tuple(CONTESTS), gains="best")
-    with _ended_by_signals(), shared_out(options.processes) as executor:
+    with shared_out(options.processes) as executor:
         findings = quick_report(few, folder, executor)
     print_short(findings, _QUICK_WIDTH)
     say("Four scenarios a task are a first look, not a verdict. Next: wayfield evaluate")
@@ -282,24 +281,21 @@ def run_overview(options: Options) -> None:
     settings = settings_of(inside)
     parts, executor = parts_of(settings, inner), HERE
     done: dict[int, list[Episode]] = {}
-    with _ended_by_signals():
-        try:
-            # the same processes do all of it: with each comes what it imports, reads and, the first time, compiles
-            with shared_out(options.processes) as processes, contextlib.ExitStack() as stack:
-                executor = prefetching(processes)
-                _begin(executor, _settings_of(options, DOCUMENTS, cases), parts)
-                stack.enter_context(holding(folder, this))
-                stage = stack.enter_context(staging(folder, this))
-                shown = stack.enter_context(
-                    _cases_section(options, DOCUMENTS, cases, folder / DOCUMENTS, executor, done)
-                )
-                contests = stack.enter_context(contest_section(inside, settings, inner, executor, options.processes))
-                sections = [contests, shown]
-                findings = write_page(stage / REPORT, "wayfield: overview", sections, options.command)
-        except (KeyboardInterrupt, SystemExit, Interrupted):
-            with contextlib.suppress(KeyboardInterrupt, SystemExit):  # a second interrupt, before the tables are shown
-                _tell_so_far(inside, _settings_of(options, DOCUMENTS, cases), cases, done, parts, executor)
-            raise Interrupted("interrupted", parts) from None
+    try:
+        # the same processes do all of it: with each comes what it imports, reads and, the first time, compiles
+        with shared_out(options.processes) as processes, contextlib.ExitStack() as stack:
+            executor = prefetching(processes)
+            _begin(executor, _settings_of(options, DOCUMENTS, cases), parts)
+            stack.enter_context(holding(folder, this))
+            stage = stack.enter_context(staging(folder, this))
+            shown = stack.enter_context(_cases_section(options, DOCUMENTS, cases, folder / DOCUMENTS, executor, done))
+            contests = stack.enter_context(contest_section(inside, settings, inner, executor, options.processes))
+            sections = [contests, shown]
+            findings = write_page(stage / REPORT, "wayfield: overview", sections, options.command)
+    except (KeyboardInterrupt, SystemExit, Interrupted):
+        with contextlib.suppress(KeyboardInterrupt, SystemExit):  # a second interrupt, before the tables are shown
+            _tell_so_far(inside, _settings_of(options, DOCUMENTS, cases), cases, done, parts, executor)
+        raise Interrupted("interrupted", parts) from None
     *of_contests, (of_documents, _) = findings  # one plant: the sentence says what its table would
     _tell(options, [*contests.tables, *shown.tables], [*of_contests, (of_documents, None)], folder)
 
@@ -416,7 +412,7 @@ def _run_contests(options: Options, suite: str, contests: tuple[str, ...], cours
         | {"gains": options.gains if options.gains != "all" else None}
     )
     folder = options.folder(suite, differing)
-    with _ended_by_signals(), shared_out(options.processes) as executor:
+    with shared_out(options.processes) as executor:
         tables, findings = contest_report(here, folder, executor, options.processes)
     _tell(options, tables, findings, folder)
 
@@ -432,20 +428,19 @@ def run_papers(options: Options) -> None:
         raise click.UsageError(f"--train: claim {claim.name} has no agent that was trained")
     differing = {"claim": claim.name, "episodes": options.episodes, "train": options.train or None}
     folder = options.folder(PAPERS, {**differing, "steps": options.steps})
-    with _ended_by_signals():
-        home = folder / "agents" if options.train else None
-        if home is not None:
-            _need("torch", "train")
-            try:
-                train(claim, home, options.steps)
-            except subprocess.CalledProcessError as error:
-                raise click.ClickException("the training failed, as said above") from error
-        # agents trained anew stand in for those that ship in this process alone
-        with shared_out(1 if home else options.processes) as executor:
-            try:
-                rows = list(drive(claim, options.episodes or 0, home, executor))
-            except ValueError as error:  # of a claim that is being written
-                raise click.ClickException(f"claim {claim.name}: {error}") from error
+    home = folder / "agents" if options.train else None
+    if home is not None:
+        _need("torch", "train")
+        try:
+            train(claim, home, options.steps)
+        except subprocess.CalledProcessError as error:
+            raise click.ClickException("the training failed, as said above") from error
+    # agents trained anew stand in for those that ship in this process alone
+    with shared_out(1 if home else options.processes) as executor:
+        try:
+            rows = list(drive(claim, options.episodes or 0, home, executor))
+        except ValueError as error:  # of a claim that is being written
+            raise click.ClickException(f"claim {claim.name}: {error}") from error
     folder.mkdir(parents=True, exist_ok=True)
     write_whole(folder / f"{claim.name}.csv", written(rows))
     found, sides, strata = of_rows(claim, rows)
@@ -494,7 +489,6 @@ def _tell(
 def _run_cases(options: Options, name: str, cases: Sequence[Case], folder: Path) -> tuple[list[Table], Short]:
     """Runs cases of the documents or of a path; returns their tables and what they say."""
     with (
-        _ended_by_signals(),
         shared_out(options.processes) as executor,
         _cases_section(options, name, cases, folder, executor, {}) as section,
     ):
@@ -580,16 +574,6 @@ def _one_line(option: str, value: str) -> Iterator[None]:
     except ValueError as error:
         text = str(error)
         raise click.UsageError(text if text.startswith("--") else f"{option} {text}") from None
-
-
-@contextlib.contextmanager
-def _ended_by_signals() -> Iterator[None]:
-    """Turns termination signals into exceptions, so that staging folders are deleted."""
-    before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 def _need(module: str, extra: str) -> None:

@@ -17,7 +17,7 @@ from typing import Any, NoReturn, TypeVar
 
 import click
 
-from wayfield.starting import started
+from wayfield.starting import Terminated, started
 from wayfield.system.checks import choose, printable
 from wayfield.system.cluster import NoScheduler, cluster
 from wayfield.system.executors import Executor, Failed, workers
@@ -30,7 +30,8 @@ _LONGEST = 1000  # characters of a message
 
 
 class OneLineErrors(click.Command):
-    """A command that ends in one line on stderr and a status: 2 for wrong input, 1 for the rest, 130 for Ctrl-C.
+    """A command that ends in one line on stderr and a status: 2 for wrong input, 1 for the rest, 130 for Ctrl-C and 143
+    for SIGTERM.
 
     Nothing is said, and the status is 141, where the reader of the output has gone, such as `head`. What remains a
     traceback is a defect of ours.
@@ -83,6 +84,8 @@ class OneLineErrors(click.Command):
             where = f": {os.path.abspath(error.filename)}" if isinstance(error.filename, str | os.PathLike) else ""
             cause = "the disk is full" if error.errno == errno.ENOSPC else error.strerror
             self._exit(1, f"{cause}{where}" if cause else str(error))
+        except Terminated as ended:
+            self._exit(int(str(ended.code)), self.interrupted)
         except SystemExit as ended:
             if isinstance(ended.__context__, BrokenPipeError):  # rich makes an exit of its own of it
                 self._exit(_UNREAD)
