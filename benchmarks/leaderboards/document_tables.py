@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from wayfield.benchmarks.contests import OF_KIND
 from wayfield.benchmarks.contests.contest import DEGREES
 from wayfield.benchmarks.entrants.documents import TITLES
+from wayfield.benchmarks.leaderboards.disclosure import inputs
 from wayfield.benchmarks.records.cases import Case, Figure
 from wayfield.benchmarks.records.episode import Episodes, Row
 from wayfield.benchmarks.records.table import Table
@@ -196,6 +197,7 @@ def ranked(rows: Episodes) -> tuple[str, Table]:
         return math.inf if math.isnan(row[metric]) else float(row[metric])
 
     order = sorted(rows, key=lambda row: (row["success"] != 1.0, cost(row)))
+    observes = OF_KIND[rows[0]["contest"]].spec.observes
     lines = [
         [
             row["policy"],
@@ -203,7 +205,7 @@ def ranked(rows: Episodes) -> tuple[str, Table]:
             _ending(row),
             f"{cost(row):.{decimals}f}",
             f"{row['mean_speed']:.2f}",
-            make(row["policy"]).knows,
+            inputs(make(row["policy"]).knows, observes),
         ]
         for row in order
     ]
@@ -248,8 +250,9 @@ def _table(document: str, rows: Episodes, cases: Mapping[tuple[str, str, str, st
         cells = [_cell(column, group, known) for column in columns]
         lines.append([experiment, name, plant, _outcome(group), *cells, source, _deviation(group, known)])
     header = ["experiment", "policy", "plant", "outcome", *(column.header for column in columns), "beside", "off by"]
-    # a column that no row of this run fills only takes room
-    filled = [i for i in range(len(header)) if i < 4 or any(line[i] for line in lines)]
+    # a column that no row of this run fills only takes room, as the name of a single scenario does, which is the title
+    first = 1 if document not in TITLES and len(rows.unique("family")) == 1 else 0
+    filled = [i for i in range(first, len(header)) if i < 4 or any(line[i] for line in lines)]
     if any(line[-2] for line in lines):
         note = (
             "Cells read ours / theirs. Theirs is a reference solution of the document's equations, which it does not "

@@ -17,7 +17,7 @@ from wayfield.benchmarks.contests import (
     Contest,
 )
 from wayfield.benchmarks.leaderboards.crowd_tables import crowd_tables
-from wayfield.benchmarks.leaderboards.disclosure import disclosed
+from wayfield.benchmarks.leaderboards.disclosure import disclosed, inputs
 from wayfield.benchmarks.leaderboards.entries import (
     COMPARED,
     ENDINGS,
@@ -184,7 +184,7 @@ def board_table(standings: Standings, decisions: Episodes) -> Table:
             times = decisions.where(policy=entry[0], gains_name=entry[1], batch=1) if decisions else ()
             took = f"{times[0]['median_ms']:.3f}" if times else ""
             cells += [*(cell(each, rows, contest) for each in smooth), took]
-            lines.append([*cells, rows[0]["knows"], _steps(rows)])
+            lines.append([*cells, inputs(rows[0]["knows"], contest.spec.observes), _steps(rows)])
     unit = "mm" if cost.unit == "m" else cost.unit
     note = (
         f"Ranked by success, then by {cost.name}. {cost.name[0].upper()}{cost.name[1:]}: mean of the runs that "
@@ -214,7 +214,7 @@ def standings_table(standings: Standings, seen: Mapping[Entry, Episodes], decisi
             cells.append(f"{times[0]['p99_ms']:.2f}" if times else "")
         if seen:
             cells.append(gap(seen.get(entry), rows, contest))
-        cells += [rows[0]["knows"], rows[0]["parameters"], _steps(rows)]
+        cells += [inputs(rows[0]["knows"], contest.spec.observes), rows[0]["parameters"], _steps(rows)]
         lines.append(cells)
     header = ["policy", "gains", "success (%)", *(column.header for column in columns)]
     header += ["compute p99 (ms)"] * bool(decisions) + [contest.gap.header if contest.gap else ""] * bool(seen)

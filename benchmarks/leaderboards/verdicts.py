@@ -18,6 +18,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from wayfield.benchmarks.contests import ALL_CONTESTS, DISTURBANCES, PACE_TOLERANCE, TRAINED, Contest
+from wayfield.benchmarks.leaderboards.disclosure import inputs
 from wayfield.benchmarks.leaderboards.entries import (
     COMPARED,
     MAP,
@@ -71,7 +72,7 @@ class Pair:
     scenes: str  # which of a contest's scenes; "" for all
     first: Entry
     other: Entry
-    knows: tuple[str, str]  # what each has access to
+    inputs: tuple[str, str]  # of each, in words
     scenarios: int
     success: Difference  # of the first less the other
     cost: Difference  # likewise, where both succeed
@@ -176,7 +177,7 @@ def by_scenes(contest: Contest, rows: Episodes) -> dict[str, Episodes]:
 
 
 def _pairs(contest: Contest, condition: str, scenes: str, entries: Mapping[Entry, Episodes]) -> Iterator[Pair]:
-    some = next(iter(entries.values()))[0]
+    some, observes = next(iter(entries.values()))[0], contest.spec.observes
     ranks = some["split"] in COMPARED and some["suite"] != DISTURBANCES
     runs = {entry: Runs.of(rows, contest) for entry, rows in entries.items()}
     speeds = {entry: mean_speed(rows) for entry, rows in entries.items()}
@@ -195,7 +196,7 @@ def _pairs(contest: Contest, condition: str, scenes: str, entries: Mapping[Entry
             scenes,
             a,
             b,
-            (entries[a][0]["knows"], entries[b][0]["knows"]),
+            (inputs(entries[a][0]["knows"], observes), inputs(entries[b][0]["knows"], observes)),
             len(runs[a].won),
             success_difference(runs[a], runs[b]),
             *cost_difference(runs[a], runs[b]),
@@ -269,7 +270,7 @@ def pairs_table(rows: Episodes, command: str) -> Table:
         cost = _numbers(each.cost, 1e3 if in_mm else 1.0, 3)
         lines.append(
             [
-                *(each.condition, each.scenes, label(each.first), label(each.other), *each.knows, str(each.scenarios)),
+                *(each.condition, each.scenes, label(each.first), label(each.other), *each.inputs, str(each.scenarios)),
                 *(*success, limit, each.contest.cost.name, *cost[:3], "mm" if in_mm else each.contest.cost.unit),
                 "" if math.isnan(each.level) else f"{(1e3 if in_mm else 1.0) * each.level:.3f}",
                 cost[3],

@@ -242,7 +242,11 @@ def _leaderboard(entries: Mapping[str, Submission]) -> str:
         found.sort(key=lambda each: (-each[2]["success"].mean(), solved_mean(each[2], cost.metric, contest)))
         for name, each, rows in found:
             entry = each.card["entry"]
-            cells = [success_cell(rows), solved_mean_cell(rows, cost.metric, contest), each.first["knows"]]
+            cells = [
+                success_cell(rows),
+                solved_mean_cell(rows, cost.metric, contest),
+                inputs(each.first["knows"], contest.spec.observes),
+            ]
             lines.append([f"{_named((entry['policy'], entry['gains_name']))}: [{name}]({name}/card.json)", *cells])
         unit = "mm" if cost.unit == "m" else cost.unit
         header = ["entry", "success (%)", f"{cost.name} ({unit})", "inputs"]
@@ -629,13 +633,15 @@ def advised(store: Store) -> list[tuple[str, str, str, Mapping[str, str], str]]:
         for kind in kinds if board else ():
             mine = [row for row in board if row["scenes"] == kind]
             accesses = {row["inputs"] for row in mine}
-            groups = (NO_MAP, ONLY_MAP) if ONLY_MAP in accesses else tuple(sorted(accesses))
+            groups = (NO_MAP, ONLY_MAP) if ONLY_MAP in accesses else tuple(sorted(accesses, reverse=True))
             for access in groups:
                 # who has the map, or the whole path, may also drive by less
                 able = [
                     row
                     for row in mine
-                    if access in (row["inputs"], ONLY_MAP, "path") or (access == NO_MAP and row["inputs"] != ONLY_MAP)
+                    if access in (row["inputs"], ONLY_MAP)
+                    or access.startswith("whole")
+                    or (access == NO_MAP and row["inputs"] != ONLY_MAP)
                 ]
                 sets = controller_first(best_sets(able, at_pace(board, lines)), lines)
                 if found and found[-1][:2] == (task, kind) and found[-1][3] is sets[0]:
@@ -734,14 +740,8 @@ def _advice(store: Store) -> list[str]:
     """Returns the table of what to take where, from the leaderboards of the splits that tell most."""
     lines = []
     found = advised(store)
-    observed = {
-        task: contest.spec.observes
-        for task, _, stem, _ in TASKS
-        for contest in CONTESTS.values()
-        if contest.stem in stem
-    }
     for task, kind, access, row, lead in found:
-        where = _SCENES.get(f"{task}, {kind}", task), inputs(access, observed[task])
+        where = _SCENES.get(f"{task}, {kind}", task), access
         lines.append([*where, _named(entry_of(row)), _result(row), lead])
     if not lines:
         return []
