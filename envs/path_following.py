@@ -385,7 +385,7 @@ class PathFollowing(Task):
             "reference": (float(a["x"] + along * a["ux"]), float(a["y"] + along * a["uy"])),
             "caption": (
                 f"t {state['steps'] * self.options.dt:5.2f} s   "
-                f"cross-track error {100 * state['cross_track_error']:+6.1f} cm"
+                f"cross-track error {100 * state['cross_track_error']:+z6.1f} cm"
             ),
         }
 

@@ -217,6 +217,8 @@ def check_keywords(env: Callable[..., SingleEnv], keywords: Iterable[str], furth
     known = (*(each.name for each in fields), *further)
     for word in keywords:
         if word not in known:
+            if word == "seed":
+                raise TypeError("a seed is for reset: env.reset(seed=3), or env.seed(3) of a VecEnv")
             # what gymnasium.make takes itself is no keyword of the class, but what some mean
             near, name = (
                 suggestion(word, (*known, "max_episode_steps", "num_envs")),

@@ -5,6 +5,8 @@ import os
 import warnings
 from typing import Any
 
+import numpy as np
+
 from wayfield.envs.scenarios.barn import barn_scenarios
 from wayfield.envs.scenarios.files import field_scenario_from_file, of_no_scenario, path_scenario_from_file
 from wayfield.envs.scenarios.maps import MAP_SUFFIXES, scenarios_of_problems
@@ -214,11 +216,18 @@ def _means_file(name: str) -> bool:
     Raises:
         ValueError: if it is neither text nor a path.
     """
-    if not isinstance(name, str | os.PathLike):
-        raise ValueError(f"scenario must be a name or a file, got {shown(name)}")
-    name = os.fspath(name)
+    name = os.fspath(name) if isinstance(name, os.PathLike) else name
     if not isinstance(name, str):
-        raise ValueError(f"scenario must be a name or a file, got {shown(name)}")
+        how = ""
+        if isinstance(name, int):
+            how = f"; a family's scenario of that number is chosen by reset(options={{'scenario': {name}}})"
+        elif isinstance(name, dict):
+            how = "; a scene goes into a file: pathlib.Path('scene.json').write_text(json.dumps(scene))"
+        elif isinstance(name, list | tuple) and all(isinstance(each, str) for each in name):
+            how = "; a list holds names of families alone"
+        elif isinstance(name, list | tuple | np.ndarray):
+            how = "; points of a path go into a file: numpy.savetxt('path.csv', points, delimiter=',')"
+        raise ValueError(f"scenario must be a name or a file, got {shown(name)}{how}")
     meant = _has_suffix(name) or name.lower().endswith(MAP_SUFFIXES) or os.path.isabs(name) or name[:1] in (".", "~")
     if meant and ("\0" in name or (not name.isprintable() and not os.path.exists(name))):
         raise ValueError(f"scenario {shown(name)} is no name of a file")

@@ -63,7 +63,10 @@ def path_scenario_from_file(file: str, scale: float = 1.0, spec: TaskSpec = TASK
         except ValueError as error:
             raise fault(file, error) from None
     if suffix.lower() != ".json":
-        raise of_no_scenario(file, f"a path is read from {', '.join(TABLE_SUFFIXES)} or .json")
+        wanted = f"a path is read from {', '.join(TABLE_SUFFIXES)} or .json"
+        if suffix.lower() in (".npy", ".npz") and os.path.isfile(file):
+            raise fault(file, f"{wanted}: numpy.savetxt('path.csv', points, delimiter=',')")
+        raise of_no_scenario(file, wanted)
     fields = json_object(file, _WAY)
     paths = tuple(dict.fromkeys((spec.kind, _WAY, _TABLE_FILE)))
     check_keys(file, "", fields, (*paths, *spec.scenario.file_fields))

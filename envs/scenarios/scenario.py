@@ -63,7 +63,7 @@ class PathScenario:
         if not (np.abs(self.path.points) <= FARTHEST).all():
             raise ValueError(f"path has a point beyond {FARTHEST:g} m of the origin")
         if not self.path.length >= SHORTEST:
-            raise ValueError(f"path is {self.path.length:g} m long; it must be at least {SHORTEST:g} m")
+            raise ValueError(f"path is {self.path.length:g} m long; it must be at least {SHORTEST:g} m, and points are in metres")
         whole = isinstance(self.laps, int | np.integer) and not isinstance(self.laps, bool)
         if not whole or not 0 <= self.laps <= MOST_LAPS:
             raise ValueError(f"laps is {shown(self.laps)}; it must be a whole number from 0 to {MOST_LAPS}")

@@ -18,7 +18,7 @@ from wayfield.system.objects import FileNote, read_text
 from wayfield.system.readers import reader
 
 TABLE_SUFFIXES = (".csv", ".tsv", ".txt")
-_COPPELIASIM_COLUMNS = 7  # x, y, z, qx, qy, qz, qw
+_POSE_COLUMNS = (7, 8)  # x, y, z, qx, qy, qz, qw as CoppeliaSim writes them, behind a time as TUM has trajectories
 SAME_PLACE = 1e-3  # m, within which the last point of a circuit is the first one again
 _UNIT = 0.01  # by which the squares of a quaternion may sum to something else than 1
 _SEPARATORS = {";": "semicolons", "\t": "tabs", ",": "commas", None: "white space"}
@@ -31,7 +31,7 @@ _COMMENT = re.compile(r"^(?:[#%\s]|//)+")
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+", re.ASCII)
 # Words of a header, camel case apart. A column of x is named so alone, or beside these words, the first set first.
 _WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+")
-_AS_X = {"easting": "x", "east": "x", "northing": "y", "north": "y"}
+_AS_X = {"easting": "x", "east": "x", "tx": "x", "northing": "y", "north": "y", "ty": "y"}
 _UNITS = {**dict.fromkeys(("m", "meter", "meters", "metre", "metres"), 1.0), "cm": 0.01, "mm": 0.001}
 _BESIDE_X: tuple[frozenset[str], ...] = (
     frozenset(),
@@ -73,9 +73,10 @@ def path_from_table(file: str, scale: float = 1.0, closed: bool | None = None) -
 
     Read are: columns named in a header, among any others: x and y, with a unit (x_m, "x [mm]"), as positions of ROS
     messages (field.pose.position.x, /odom/pose/pose/position/x, pos_x) or as easting and northing; two columns x, y
-    without a header; seven columns x, y, z, qx, qy, qz, qw without a header (CoppeliaSim's customData.PATH); circuits
-    with the header `# x_m,y_m,w_tr_right_m,w_tr_left_m` (TUMFTM/racetrack-database). Separated by semicolons, commas,
-    tabs or other white space; a # starts a comment, and quotation marks are left out.
+    without a header; seven columns x, y, z, qx, qy, qz, qw without a header (CoppeliaSim's customData.PATH), and the
+    same behind a time (trajectories of the TUM RGB-D benchmark, as evo writes them); circuits with the header
+    `# x_m,y_m,w_tr_right_m,w_tr_left_m` (TUMFTM/racetrack-database). Separated by semicolons, commas, tabs or other
+    white space; a # starts a comment, and quotation marks and a separator at the end of every line are left out.
 
     Unless it is said by `closed`, the path is closed for a circuit and where the table comes back to its start; see
     `closing`. A line says so where the last point does not repeat the first to the digit.
@@ -85,6 +86,9 @@ def path_from_table(file: str, scale: float = 1.0, closed: bool | None = None) -
         OSError: if it cannot be opened, FileNotFoundError if there is none.
     """
     lines = read_text(file).replace('"', "").replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    last = {line.rstrip()[-1:] for line in lines if _fields(line, None)}
+    if last in ({","}, {";"}):
+        lines = [line.rstrip().removesuffix(*last) for line in lines]
     if len(lines) > 2 * MOST_POINTS:
         raise _fault(file, 2 * MOST_POINTS, f"the table goes on; it must have at most {MOST_POINTS} points")
     layout = _layout(file, lines)
@@ -105,9 +109,8 @@ def path_from_table(file: str, scale: float = 1.0, closed: bool | None = None) -
     same = np.flatnonzero((np.diff(points, axis=0) == 0.0).all(axis=1))
     if len(same):
         line = _line_of(lines, layout, same[0] + 1)
-        others = (
-            f"; {len(same) - 1} more rows do so: keep one row for each place" if len(same) > 1 else "; remove the row"
-        )
+        more = "1 more row does" if len(same) == 2 else f"{len(same) - 1} more rows do"
+        others = f"; {more} so: keep one row for each place" if len(same) > 1 else "; remove the row"
         raise _fault(file, line, f"point {points[same[0]].tolist()} repeats the one before it{others}")
     points, closed, said = closing(points, closed, layout.circuit)
     if said:
@@ -200,16 +203,17 @@ def _layout(file: str, lines: list[str]) -> _Layout:
         if names and (len(fields) <= max(columns or ()) or shifted):
             problem = f"{shown(text)} has {len(fields)} column(s), the header names {len(names)}; {separated}"
             raise _fault(file, i + 1, problem)
-        if not names and len(fields) not in (2, _COPPELIASIM_COLUMNS):
+        if not names and len(fields) not in (2, *_POSE_COLUMNS):
             raise _fault(
                 file,
                 i + 1,
-                f"{shown(text)} has {len(fields)} column(s); without a header it must be 2 (x, y) or 7 "
-                f"(x, y, z, qx, qy, qz, qw): name them in a first line, such as x,y,speed; {separated}",
+                f"{shown(text)} has {len(fields)} column(s); without a header it must be 2 (x, y), 7 (x, y, z, qx, qy, "
+                f"qz, qw) or 8 (time before them): name them in a first line, such as x,y,speed; {separated}",
             )
         circuit = {name.lower() for name in names} >= _TRACK_WIDTHS
         units = [_UNITS[each] for each in _words(names[columns[0]]) if each in _UNITS] if columns else []
-        return _Layout(i, delimiter, len(fields), columns or (0, 1), bool(names), circuit, *(units[:1] or [1.0]))
+        x = 1 if len(fields) == _POSE_COLUMNS[1] else 0
+        return _Layout(i, delimiter, len(fields), columns or (x, x + 1), bool(names), circuit, *(units[:1] or [1.0]))
     raise _fault(file, len(lines), "the table has no points")
 
 
@@ -243,17 +247,20 @@ def _points(file: str, lines: list[str], layout: _Layout) -> NDArray[np.float64]
                     separated = f"the columns are separated by {_SEPARATORS[layout.delimiter]}"
                     raise _fault(file, number, f"{what}{comma}; {separated}") from None
         raise ValueError(f"{file}: {' '.join(str(error).split())}") from None
-    if not layout.named and layout.width == _COPPELIASIM_COLUMNS:
-        odd = np.flatnonzero(~(np.abs((table[:, 3:] ** 2).sum(axis=1) - 1.0) <= _UNIT))
+    if layout.named:
+        return np.ascontiguousarray(table)
+    if layout.width in _POSE_COLUMNS:
+        turns = table[:, -4:]
+        odd = np.flatnonzero(~(np.abs((turns**2).sum(axis=1) - 1.0) <= _UNIT))
         if len(odd):
-            row = ", ".join(f"{each:g}" for each in table[odd[0], 3:])
             raise _fault(
                 file,
                 _line_of(lines, layout, odd[0]),
-                f"columns 4 to 7 are {row}, which is no unit quaternion; seven columns without a header must be x, y, "
-                "z, qx, qy, qz, qw: name others in a first line, such as s,x,y,psi,kappa,vx,ax",
+                f"the last four columns are {', '.join(f'{each:g}' for each in turns[odd[0]])}, which is no unit "
+                f"quaternion; {layout.width} columns without a header must be {'time, ' * (layout.width == 8)}x, y, z, "
+                "qx, qy, qz, qw: name others in a first line, such as s,x,y,psi,kappa,vx,ax",
             )
-    return np.ascontiguousarray(table[:, :2])
+    return np.ascontiguousarray(table[:, layout.columns])
 
 
 def _fields(text: str, delimiter: str | None) -> list[str]:

@@ -113,6 +113,7 @@ SPAN = 0.5  # m, before and behind a place, between which the path leads somewhe
 MOST_BACK = 0.02  # of a path's length, that leads the other way before it counts as a track with noise
 FORGIVEN = 0.05  # m, of a path's end, that need not be driven
 SHORTEST = 0.2  # m, of a path: a robot is wider
+HOLE = 20.0  # times the ten steps around it, a step is as long that a recording missed
 STRAIGHT_BACK = math.cos(2.88)  # between the ways that lead to a place and on, beyond which it is the same way
 
 
@@ -148,6 +149,11 @@ def doubt(path: Path) -> str:
                 f"turns back {after:.2g} m before its end; robots that do not reverse may not get there: "
                 "leave the last points out"
             )
+    for k in np.flatnonzero(lengths > max(1.0, HOLE * float(np.median(lengths)))).tolist():
+        around = np.delete(lengths[max(k - 5, 0) : k + 6], min(k, 5))
+        ahead = steps[k] @ steps[[k - 1, (k + 1) % len(steps)]].T / (lengths[k] * lengths[[k - 1, (k + 1) % len(steps)]])
+        if len(around) == 10 and HOLE * around.max() < lengths[k] and ahead.max() < math.cos(0.1):
+            return f"has a hole of {lengths[k]:.3g} m, {s[k]:.3g} m from its start, which is driven straight across"
     # at a wiggle the path goes on as before, and the tip of a hairpin may have some width
     came, goes = points - at(s - SPAN), at(s + SPAN) - points
     facing = (came * goes).sum(axis=1) < STRAIGHT_BACK * lengths_of(came) * lengths_of(goes)

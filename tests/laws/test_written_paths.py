@@ -271,6 +271,17 @@ def test_a_path_that_leads_straight_back_is_warned_of_and_a_wiggle_is_not() -> N
     assert not doubt(Path([(0.0, 0.0), (2.0, 0.0), (1.98, 0.0), (5.0, 0.0)]))
 
 
+def test_a_hole_in_a_recording_is_warned_of_and_a_line_between_curves_is_not() -> None:
+    t = np.arange(0.0, 12.0, 0.05)
+    track = np.column_stack([t, np.sin(t)])
+    assert doubt(Path(np.delete(track, np.s_[60:120], axis=0))).startswith("has a hole of 3")
+    turn = np.linspace(-0.5 * math.pi, 0.5 * math.pi, 30)
+    end = np.column_stack([8.0 + np.cos(turn), 1.0 + np.sin(turn)])
+    assert not doubt(Path(np.vstack([end, [0.0, 2.0] - (end - [8.0, 0.0])]), closed=True))
+    lanes = [(x, 0.3 * k) for k in range(12) for x in ((0.0, 9.0) if k % 2 == 0 else (9.0, 0.0))]
+    assert "hole" not in doubt(Path(lanes))
+
+
 def test_a_car_is_told_of_laws_that_drive_one() -> None:
     """Where a path is lost; the others turn on the spot, and refuse it."""
     for radius, instead in ((0.0, "lqr, stanley or regulated_pure_pursuit"), (3.0, "lqr")):

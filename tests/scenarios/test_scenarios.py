@@ -320,7 +320,7 @@ def test_a_repeated_first_point_closes_the_path(tmp_path: FilePath, tail: str) -
     ("content", "line", "message"),
     [
         (b"", 1, "the table has no points"),
-        (b"1\n2\n", 1, "'1' has 1 column(s); without a header it must be 2 (x, y) or 7"),
+        (b"1\n2\n", 1, "'1' has 1 column(s); without a header it must be 2 (x, y), 7"),
         (b"i,x,y\n0,0\n", 2, "has 2 column(s), the header names 3"),
         (b'"x","y"\n"0,5","1,5"\n"1,5","2,0"\n', 2, "has 4 column(s), the header names 2"),
         (b"x,y,width\n0,0,1\n1,1\n2,2,1\n", 3, "has 2 column(s), the first row has 3"),

@@ -107,6 +107,8 @@ def test_columns_are_found_by_their_names(tmp_path: Path) -> None:
         ("t\tposX\tposY\tvelX\tvelY", "9\t{0}\t{1}\t7\t7"), ("northing,easting,zone", "{1},{0},32N"),
         ("x_mm,y_mm", "{0}e3,{1}e3"), ("t;Y [cm];X [cm]", "9;{1}e2;{0}e2"), ("% x y", "{0} {1}"),
         ("// x_coordinate, y_coordinate", "{0}, {1}"), ('"x","y","name"', '"{0}","{1}","a"'),
+        ("# timestamp tx ty tz qx qy qz qw", "1.7e9 {0} {1} 0 0 0 0 1"), ("", "1.7e9 {0} {1} 0 0 0 0.6 0.8"),
+        ("", "{0};{1};"), ("x,y,", "{0},{1},"),
     ):  # fmt: skip
         file.write_text(head + "\n" + "".join(row.format(*point) + "\n" for point in points))
         path = path_from_table(str(file), 2.0)
@@ -188,6 +190,7 @@ def test_what_was_taken_for_granted_is_said_once_however_many_read_the_file(tmp_
         ("x,y\n0,0\n,\n1,1\n", ":3: a column is empty; leave out the row"),
         ("# lat,lon\n48.1,11.5\n48.2,11.5\n", ":1: latitude and longitude are degrees; project them to metres"),
         ("/a/position/x,/a/position/y,/b/position/x,/b/position/y\n0,0,1,1\n", "/b/position/x' could both be x; leave"),
+        ("0,0,0,0,0,0,0,0\n1,1,1,0,0,0,0,0\n", ":1: .* are 0, 0, 0, 0, which is no .*; 8 columns .* must be time, x, y,"),
         ("0,-0.4,-0.7,5.6,0,8,0\n1,0.2,-1.5,5.6,0,8,0\n", ":1: .* are 5.6, 0, 8, 0, which is no unit quaternion"),
     ],
 )  # fmt: skip
@@ -197,6 +200,12 @@ def test_a_table_of_another_convention_is_refused_with_what_to_type(tmp_path: Pa
     with pytest.raises(ValueError, match=told) as refused:
         path_scenario_from_file(str(file))
     assert "\n" not in str(refused.value)
+
+
+def test_an_array_of_points_is_answered_with_how_it_is_written(tmp_path: Path) -> None:
+    np.save(tmp_path / "path.npy", np.zeros((3, 2)))
+    with pytest.raises(ValueError, match=r"path\.npy: a path is read from \.csv, .*: numpy\.savetxt\("):
+        path_scenario_from_file(str(tmp_path / "path.npy"))
 
 
 @pytest.mark.parametrize("name", ["office.yaml", "office.pgm", "office.map", "OFFICE.YML"])

@@ -695,9 +695,19 @@ def test_no_element_of_an_observation_is_constant() -> None:
 
 
 @every_id
-@pytest.mark.parametrize("scenario", [3, None, ["s_curve"]])
-def test_a_scenario_of_another_type_is_refused(env_id: str, scenario: object) -> None:
-    with pytest.raises(ValueError, match="scenario must be a name or a file"):
+@pytest.mark.parametrize(
+    ("scenario", "how"),
+    [
+        (None, "$"),
+        (3, "reset.options={'scenario': 3}"),
+        (["s_curve"], "names of families"),
+        ({"goal": [1, 0, 0]}, "json.dumps"),
+        ([(0.0, 0.0), (1.0, 0.0)], "numpy.savetxt"),
+        (np.zeros((3, 2)), "numpy.savetxt"),
+    ],
+)
+def test_a_scenario_of_another_type_is_refused_with_what_to_type(env_id: str, scenario: object, how: str) -> None:
+    with pytest.raises(ValueError, match=f"scenario must be a name or a file, got .*{how}"):
         gymnasium.make(env_id, scenario=scenario)
 
 

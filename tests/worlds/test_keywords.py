@@ -22,6 +22,12 @@ def test_a_wrong_keyword_names_the_class_of_the_id_and_the_nearest_keyword(env_i
         gymnasium.make_vec(env_id, 2, vectorization_mode="vector_entry_point", scenari="x")
 
 
+def test_a_seed_is_for_reset() -> None:
+    for made in (gymnasium.make, gymnasium.make_vec):
+        with pytest.raises(TypeError, match=r"reset\(seed=3\)"):
+            made(IDS[0], seed=3)
+
+
 def test_a_wrong_keyword_of_a_batch_is_answered_with_those_of_batches_too() -> None:
     with pytest.raises(TypeError, match="Did you mean 'num_threads'"):
         gymnasium.make_vec(IDS[0], 2, vectorization_mode="vector_entry_point", num_thread=2)
