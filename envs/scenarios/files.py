@@ -3,6 +3,7 @@
 import functools
 import inspect
 import json
+import math
 import os
 import pathlib
 import warnings
@@ -17,7 +18,18 @@ from wayfield.envs.scenarios.scenario import GoalScenario, PathScenario
 from wayfield.envs.scenarios.tables import TABLE_SUFFIXES, closing, origin_to_subtract, path_from_table
 from wayfield.envs.tasks.specs import TASKS, TaskSpec
 from wayfield.envs.world.paths import Path
-from wayfield.system.checks import FARTHEST, MOST_OBSTACLES, MOST_POINTS, numbers_of, pose, shown, suggestion
+from wayfield.system.checks import (
+    FARTHEST,
+    MOST_OBSTACLES,
+    MOST_POINTS,
+    WHOLE_TURN,
+    numbers_of,
+    pose,
+    real,
+    shown,
+    suggestion,
+)
+from wayfield.system.elementary import wrap_angle
 from wayfield.system.objects import FileNote, check_keys, check_ordinary, fault, json_object, read_text
 from wayfield.system.readers import reader
 
@@ -68,6 +80,7 @@ def path_scenario_from_file(file: str, scale: float = 1.0, spec: TaskSpec = TASK
             raise fault(file, f"{wanted}: numpy.savetxt('path.csv', points, delimiter=',')")
         raise of_no_scenario(file, wanted)
     fields = json_object(file, _WAY)
+    _note_degrees(file, fields, "start")
     paths = tuple(dict.fromkeys((spec.kind, _WAY, _TABLE_FILE)))
     check_keys(file, "", fields, (*paths, *spec.scenario.file_fields))
     if len(given := [field for field in paths if field in fields]) != 1:
@@ -124,6 +137,7 @@ def field_scenario_from_file(file: str, spec: TaskSpec = TASKS["goal_reaching"])
         raise of_no_scenario(file, "a goal scenario is read from .json", spec.kind)
     fields = json_object(file)
     kind = spec.kind
+    _note_degrees(file, fields, "start", _GOAL, kind)
     if kind == _GOAL:
         check_keys(file, "", fields, (_GOAL, *spec.scenario.file_fields), required=(_GOAL,))
     else:
@@ -145,6 +159,10 @@ def field_scenario_from_file(file: str, spec: TaskSpec = TASKS["goal_reaching"])
         scenario: GoalScenario = spec.scenario(name, **fields, obstacles=obstacles)
     except ValueError as error:
         raise fault(file, error) from None
+    (x, y, heading), (u, v, there) = scenario.start, scenario.goal
+    far = math.hypot(u - x, v - y) > scenario.position_tolerance
+    if not (far or scenario.waypoints or abs(wrap_angle(there - heading)) > scenario.heading_tolerance):
+        warnings.warn(f"{file}: the robot starts at its {kind}; the episode ends at once", FileNote, stacklevel=2)
     return scenario
 
 
@@ -162,6 +180,15 @@ def of_no_scenario(file: str, wanted: str, kind: str = _GOAL) -> ValueError:
         {"start": [1, 2, 0], kind: [9, 4, 0], "map": {"file": name, "resolution": 0.05} if bare else name}
     )
     return fault(file, f"is a map; a scenario also has a start and a {kind}: write {example} to mine.json beside it")
+
+
+def _note_degrees(file: str, fields: Mapping[str, Any], *names: str) -> None:
+    """Says of a heading beyond a turn that it is read in radians."""
+    for name in dict.fromkeys(names):
+        value = fields.get(name)
+        if isinstance(value, list) and len(value) == 3 and abs(real(value[2])) > WHOLE_TURN:
+            told = f"{file}: {name}[2] is {value[2]:g} rad, more than a turn; degrees must be multiplied by pi / 180"
+            warnings.warn(told, FileNote, stacklevel=3)
 
 
 def _pose_of(file: str, field: str, value: Any) -> tuple[float, float, float]:

@@ -63,7 +63,9 @@ class PathScenario:
         if not (np.abs(self.path.points) <= FARTHEST).all():
             raise ValueError(f"path has a point beyond {FARTHEST:g} m of the origin")
         if not self.path.length >= SHORTEST:
-            raise ValueError(f"path is {self.path.length:g} m long; it must be at least {SHORTEST:g} m, and points are in metres")
+            raise ValueError(
+                f"path is {self.path.length:g} m long; it must be at least {SHORTEST:g} m, and points are in metres"
+            )
         whole = isinstance(self.laps, int | np.integer) and not isinstance(self.laps, bool)
         if not whole or not 0 <= self.laps <= MOST_LAPS:
             raise ValueError(f"laps is {shown(self.laps)}; it must be a whole number from 0 to {MOST_LAPS}")
@@ -239,9 +241,14 @@ def check_clear(scenario: GoalScenario, hull_radius: float) -> None:
         if scenario.grid is not None:
             distance = float(scenario.grid.clearances(np.array([[x, y]]))[0])
             if distance < needed or distance <= 0.0:
+                told = f"scenario {scenario.name!r}: the map {scenario.grid.name}"
+                (west, south), (east, north) = scenario.grid.corners.min(axis=0), scenario.grid.corners.max(axis=0)
+                if not (west <= x <= east and south <= y <= north):
+                    told += f" spans x from {west:.4g} to {east:.4g} m and y from {south:.4g} to {north:.4g} m"
+                    raise ValueError(f"{told}; the {place} at ({x:g}, {y:g}) lies outside")
                 raise ValueError(
-                    f"scenario {scenario.name!r}: the map {scenario.grid.name} is occupied over the {place} at "
-                    f"({x:g}, {y:g}): clearance {distance:.3g} m for a hull of radius {hull_radius:g} m"
+                    f"{told} is occupied or unknown over the {place} at ({x:g}, {y:g}): clearance {distance:.3g} m for "
+                    f"a hull of radius {hull_radius:g} m"
                 )
         for j, obstacle in enumerate(scenario.obstacles):
             distance = clearance_to(obstacle, x, y)

@@ -151,8 +151,9 @@ def doubt(path: Path) -> str:
             )
     for k in np.flatnonzero(lengths > max(1.0, HOLE * float(np.median(lengths)))).tolist():
         around = np.delete(lengths[max(k - 5, 0) : k + 6], min(k, 5))
-        ahead = steps[k] @ steps[[k - 1, (k + 1) % len(steps)]].T / (lengths[k] * lengths[[k - 1, (k + 1) % len(steps)]])
-        if len(around) == 10 and HOLE * around.max() < lengths[k] and ahead.max() < math.cos(0.1):
+        beside = [k - 1, (k + 1) % len(steps)]
+        straight = steps[beside] @ steps[k] > math.cos(0.1) * lengths[beside] * lengths[k]
+        if len(around) == 10 and HOLE * around.max() < lengths[k] and not straight.any():
             return f"has a hole of {lengths[k]:.3g} m, {s[k]:.3g} m from its start, which is driven straight across"
     # at a wiggle the path goes on as before, and the tip of a hairpin may have some width
     came, goes = points - at(s - SPAN), at(s + SPAN) - points

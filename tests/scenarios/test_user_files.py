@@ -3,8 +3,10 @@
 import dataclasses
 import json
 import math
+import re
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -15,7 +17,7 @@ from PIL import Image
 
 import wayfield  # noqa: F401
 from wayfield.envs.scenarios import TASKS, GoalScenario, PathScenario, box, maps, obstacle_field, scenarios_of
-from wayfield.envs.scenarios.files import kind_of, path_scenario_from_file
+from wayfield.envs.scenarios.files import field_scenario_from_file, kind_of, path_scenario_from_file
 from wayfield.envs.scenarios.tables import path_from_table
 
 ROOM = "type octile\nheight 3\nwidth 4\nmap\n....\n.@T.\n....\n"
@@ -190,7 +192,7 @@ def test_what_was_taken_for_granted_is_said_once_however_many_read_the_file(tmp_
         ("x,y\n0,0\n,\n1,1\n", ":3: a column is empty; leave out the row"),
         ("# lat,lon\n48.1,11.5\n48.2,11.5\n", ":1: latitude and longitude are degrees; project them to metres"),
         ("/a/position/x,/a/position/y,/b/position/x,/b/position/y\n0,0,1,1\n", "/b/position/x' could both be x; leave"),
-        ("0,0,0,0,0,0,0,0\n1,1,1,0,0,0,0,0\n", ":1: .* are 0, 0, 0, 0, which is no .*; 8 columns .* must be time, x, y,"),
+        ("0,0,0,0,0,0,0,0\n1,1,1,0,0,0,0,0\n", ":1: .* are 0, 0, 0, 0, which is no .*; 8 columns .* be time, x, y,"),
         ("0,-0.4,-0.7,5.6,0,8,0\n1,0.2,-1.5,5.6,0,8,0\n", ":1: .* are 5.6, 0, 8, 0, which is no unit quaternion"),
     ],
 )  # fmt: skip
@@ -309,3 +311,30 @@ def test_scenarios_made_in_python_are_driven_as_those_of_a_file(tmp_path: Path) 
 def test_scenarios_of_another_task_are_refused(scenario: Any, told: str) -> None:
     with pytest.raises(ValueError, match=told):
         gymnasium.make("wayfield/DiffDrivePathFollowing-v0", scenario=scenario)
+
+
+@pytest.mark.parametrize(
+    ("fields", "said"),
+    [
+        ({"start": [0, 0, 90], "goal": [5, 0, 0]}, r"start\[2\] is 90 rad, more than a turn; degrees must be"),
+        ({"start": [1, 2, 0.01], "goal": [1, 2.05, 0]}, "the robot starts at its goal; the episode ends at"),
+        ({"start": [0, 0, -6.28], "goal": [5, 0, 6.28]}, ""),
+        ({"start": [1, 2, 0], "goal": [1, 2, 0], "waypoints": [[3, 3]]}, ""),
+        ({"start": [1, 2, 0], "goal": [1, 2, 2]}, ""),
+    ],
+)
+def test_a_scene_that_is_hardly_meant_so_is_told_of(tmp_path: Path, fields: Any, said: str) -> None:
+    file = tmp_path / "scene.json"
+    file.write_text(json.dumps(fields))
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        field_scenario_from_file(str(file))
+    assert [bool(re.search(said, str(each.message))) for each in told] == [True] * bool(said)
+
+
+def test_a_place_beside_a_map_is_told_where_the_map_lies(tmp_path: Path) -> None:
+    Image.fromarray(np.full((60, 100), 254, np.uint8)).save(tmp_path / "room.png")
+    on_map = {"file": "room.png", "resolution": 0.1, "origin": [-4, -3, 0]}
+    (tmp_path / "scene.json").write_text(json.dumps({"start": [0, 0, 0], "goal": [7, 1, 0], "map": on_map}))
+    with pytest.raises(ValueError, match=r"spans x from -4 to 6 m and y from -3 to 3 m; the goal at \(7, 1\) lies out"):
+        gymnasium.make("wayfield/DiffDriveGoalObstacles-v0", scenario=str(tmp_path / "scene.json"))
