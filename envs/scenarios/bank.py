@@ -210,7 +210,7 @@ def _frozen_split(task: TaskSpec, name: Any) -> tuple[Any, ...] | None:
     return split(task.name, family, f"{part or 'train'}{at}{hull}")
 
 
-def _means_file(name: str) -> bool:
+def _means_file(name: Any) -> bool:
     """Returns whether a name that is not registered is meant as a file.
 
     Raises:

@@ -104,7 +104,14 @@ class OneLineErrors(click.Command):
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parses the words of the command and keeps them for `words_given`."""
         ctx.meta[_WORDS] = shlex.join(args)
-        return super().parse_args(ctx, args)
+        try:
+            return super().parse_args(ctx, args)
+        except click.UsageError as error:
+            if "unexpected extra argument" not in error.message:
+                raise
+            example = " --policies lqr,mpc" if any("--policies" in each.opts for each in self.params) else " a,b"
+            how = f"; an option takes one word, several values are separated by commas alone:{example}"
+            raise click.UsageError(error.message + how, ctx) from None
 
     def _exit(self, status: int, message: str = "") -> NoReturn:
         try:
@@ -254,7 +261,7 @@ class Names(Choice):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Returns the names, each once, or fails."""
-        names = [name.strip() for name in str(value).split(",")]
+        names = [name.strip() for name in str(value).split(",") if name.strip()] or [""]
         return tuple(dict.fromkeys(Choice.convert(self, name, param, ctx) for name in names))
 
 

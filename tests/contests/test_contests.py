@@ -185,6 +185,11 @@ def test_the_ladder_runs_every_level_of_every_task(tmp_path: Path) -> None:
         (("--suite", "goal-obstacles", "--families", "cluter_10"), "Did you mean 'clutter_10'?"),
         (("--robot", "p3dx"), "--robot belongs to the contests"),
         (("--suite", "path-following", "--episodes", "0"), "episodes"),
+        (("lqr", "mpc"), "(lqr mpc); an option takes one word, several values are sep"),
+        (
+            ("--policies", "lqr,", "mpc"),
+            "(mpc); an option takes one word, several values are separated by commas alone: --policies lqr,mpc",
+        ),
     ],
 )
 def test_wrong_options_are_refused_in_one_line(arguments: tuple[str, ...], message: str, tmp_path: Path) -> None:
