@@ -27,6 +27,7 @@ myst_enable_extensions = ["attrs_inline"]
 
 html_theme = "furo"
 html_static_path = ["_static"]
+html_favicon = "_static/icon.svg"
 html_css_files = ["site.css"]
 html_js_files = [("tables.js", {"defer": "defer"})]
 html_extra_path = ["generated/demo.html", "demo.png"]  # written by simulators; what links to it show
