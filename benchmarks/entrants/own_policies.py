@@ -223,6 +223,7 @@ def own_policy(text: str) -> OwnClass | OwnModel:
         network = OwnNetwork(
             value_networks.__name__, "ValueNetwork", {"file": os.path.abspath(source), **gains}, _weights(source)
         )
+        value_networks.network(network.gains["file"])  # whose errors are one line as they are
         network.make(network.gains)
         return network
     module, colon, attribute = source.partition(":")
@@ -374,8 +375,9 @@ def _outside(origin: str) -> Path | None:
 def _line_of(error: BaseException) -> str:
     """Returns the last line of what Python would say of an error, and where in the user's code it came up."""
     said = traceback.format_exception_only(error)[-1].strip()
-    frames = [each for each in traceback.extract_tb(error.__traceback__) if each.filename != __file__]
-    frames = [each for each in frames if "importlib" not in each.filename]
+    ours = str(Path(__file__).parents[2])
+    frames = [each for each in traceback.extract_tb(error.__traceback__) if not each.filename.startswith(ours)]
+    frames = [each for each in frames if "importlib" not in each.filename and os.path.isfile(each.filename)]
     if isinstance(error, SyntaxError):
         return f"{said} ({error.filename}, line {error.lineno})"
     return f"{said} ({frames[-1].filename}, line {frames[-1].lineno})" if frames else said

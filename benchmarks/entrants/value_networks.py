@@ -228,13 +228,17 @@ def unpickled(file: str) -> Mapping[str, Any]:
         stacklevel=2,
     )
     try:
-        found = torch.load(file, map_location="cpu", weights_only=True)
+        with warnings.catch_warnings(action="ignore"):
+            found = torch.load(file, map_location="cpu", weights_only=True)
         return {name: tensor.numpy() for name, tensor in found.items()}
     except OSError as error:
         raise ValueError(f"{file!r} cannot be read: {unread(file, error)}") from None
-    except Exception as error:  # as many kinds as there are damages
-        said = " ".join(str(error).split())[:200]
-        raise ValueError(f"{file!r} holds no plain dictionary of tensors: {said}") from None
+    except Exception as error:  # as many kinds as there are damages; PyTorch's advice is to read what runs code
+        said = " ".join(str(error).split()).rpartition("WeightsUnpickler error: ")[2].partition(" Please use")[0]
+        why = f" ({said[:120].rstrip('.')})" if said else ""
+        raise ValueError(
+            f"{file!r} holds no plain dictionary of tensors{why}: save its state_dict() as safetensors"
+        ) from None
 
 
 def graph(file: str) -> Value:
