@@ -74,7 +74,7 @@ _CROWDED = f"--suite {', '.join(CROWD_SUITES)}"
 _OF_FROZEN = f"the frozen scenarios of {_OF_CONTESTS}"
 _OF_PUBLIC = f"public benchmarks: --suite {', '.join(PUBLIC)}"
 BELONGS: Mapping[str, tuple[str, tuple[str, ...], str]] = {
-    "data": ("--data", tuple(PUBLIC), _OF_PUBLIC),
+    "data": ("--data", (*PUBLIC, PAPERS), f"{_OF_PUBLIC}, {PAPERS}"),
     "mode": ("--mode", tuple(PUBLIC), _OF_PUBLIC),
     "scale": ("--scale", ("path", "scenarios", "racetracks"), "--path FILE, --scenarios FOLDER or --suite racetracks"),
     "robot": ("--robot", ("path", *_CONTESTS), _OF_CONTESTS),
@@ -234,7 +234,8 @@ class Options:
             for name in ("policies", "dynamics", "actuators", "full"):
                 if getattr(self, name):
                     raise WrongOption(
-                        f"{name} is said by the claim itself; --suite papers takes --episodes, --train, --steps, --out"
+                        f"{name} is said by the claim itself; --suite papers takes --episodes, --train, --steps, "
+                        "--data and --out"
                     )
             if self.steps and not self.train:
                 raise WrongOption("steps is of a training: add --train")

@@ -204,7 +204,7 @@ figures (.svg, .png). Give the same command again to continue an interrupted run
     help="A contest on the scenario files of a folder (.json; paths also .csv, .tsv, .txt), instead of a suite.",
 )
 @click.option("--scale", type=Scale(), help="Multiplies the coordinates of paths: 0.02 or 1:50.  [default: 1]")
-@click.option("--data", metavar="FOLDER", help="The official files of a public benchmark.")
+@click.option("--data", metavar="FOLDER", help="The official files of a public benchmark, or of a claim.")
 @click.option(
     "--mode",
     type=Choice("--mode", MODES),
@@ -426,17 +426,20 @@ def run_papers(options: Options) -> None:
         raise click.UsageError(f"--claim {claim.name} is driven by a study of a clone: {claim.published}")
     if options.train and claim.training is None:
         raise click.UsageError(f"--train: claim {claim.name} has no agent that was trained")
+    if bool(claim.data) != bool(options.data):
+        need = f"needs --data FOLDER, a folder with {claim.data}" if claim.data else "needs no --data"
+        raise click.UsageError(f"--claim {claim.name} {need}")
     differing = {"claim": claim.name, "episodes": options.episodes, "train": options.train or None}
     folder = options.folder(PAPERS, {**differing, "steps": options.steps})
-    home = folder / "agents" if options.train else None
-    if home is not None:
+    home = Path(os.path.abspath(options.data)) if options.data else folder / "agents" if options.train else None
+    if home is not None and options.train:
         _need("torch", "train")
         try:
             train(claim, home, options.steps)
         except subprocess.CalledProcessError as error:
             raise click.ClickException("the training failed, as said above") from error
     # agents trained anew stand in for those that ship in this process alone
-    with shared_out(1 if home else options.processes) as executor:
+    with shared_out(1 if options.train else options.processes) as executor:
         try:
             rows = list(drive(claim, options.episodes or 0, home, executor))
         except ValueError as error:  # of a claim that is being written

@@ -41,6 +41,7 @@ OPEN = "open"
 NO_VERDICT = "no verdict: rival not reproduced"
 AGENT, UNTUNED, TUNED, ALSO, BESIDE = "agent", "a", "b", "c", "beside"  # sides, as rows call them
 DYNAMICS = "kinematic"
+DATA = "{data}"  # in a policy or a course: the folder of the user's own
 COLUMNS = ("claim", "side", "seed", "family", "scene", "success", "cost")
 
 
@@ -115,6 +116,7 @@ class Claim:
     scenes: int = 25  # of each family
     course: Course | None = None  # in place of families
     answer: str = ""  # of the authors: where it stands
+    data: str = ""  # what a folder of the user's own has to hold; "": it needs none
     published: str = ""  # the study that keeps its rows, where `evaluate` does not make them
 
     @property
@@ -174,7 +176,9 @@ def settings(claim: Claim, side: Side, scenes: int, home: Path | None = None) ->
     """
     contest: Contest = ALL_CONTESTS[claim.contest]
     if claim.course is not None:
-        courses = [dataclasses.replace(claim.course, members=claim.course.members[:scenes])]
+        file = claim.course.file.replace(DATA, str(home))
+        courses = [dataclasses.replace(claim.course, file=file, members=claim.course.members[:scenes])]
+        scenes = min(scenes, len(claim.course.members))
     else:
         families = contest.families(DYNAMICS, claim.families)
         courses = [contest.course(family, claim.split, claim.robot) for family in families]
@@ -183,6 +187,7 @@ def settings(claim: Claim, side: Side, scenes: int, home: Path | None = None) ->
         anew = home is not None and claim.training is not None and claim.training.function
         beside = f" folder={shlex.quote(str(home))}" if anew else ""
         texts = [f"{side.policy} seed={seed}{beside}" for seed in side.seeds] or [side.policy]
+        texts = [text.replace(DATA, shlex.quote(str(home))) for text in texts]
         entrants = Entrants((), own=tuple(map(own_policy, texts)))
     else:
         entrants = Entrants((side.policy,), ("tuned" if side.gains == HAND_TUNED["tuned"] else side.gains,))
@@ -208,6 +213,7 @@ def drive(claim: Claim, scenes: int = 0, home: Path | None = None, spread: Map =
     Args:
         scenes: of each family; 0: as the claim says.
         home: a folder of agents that `train` has trained, which drive in place of those that ship: in this process.
+            Of a claim with `data`, the folder that holds them.
         spread: an executor, which shares out the work.
     """
     contest: Contest = ALL_CONTESTS[claim.contest]
@@ -347,7 +353,7 @@ def told(claim: Claim, found: Finding, sides: Mapping[str, Driven], scenes: int)
     for name, side in claim.sides.items():
         seeds = f", {sides[name].success.shape[1]} seeds" if sides[name].success.shape[1] > 1 else ""
         yield f"  {LABELS[name]:8} {side.words}: success {measured_words(claim, sides[name])} (n = {scenes}{seeds})"
-    for name, each in found.gains.items():
+    for name, each in found.gains.items() if found.verdict != NO_VERDICT else ():
         yield f"  against {LABELS[name]}: {shown(each, claim.measure)}"
     yield f"  gate: {gate_words(claim, found.measured)}"
     yield f"  verdict: {found.verdict} (of this claim alone; docs/results/papers.md corrects for all claims)"

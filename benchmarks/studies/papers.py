@@ -58,6 +58,7 @@ FROZEN: Mapping[str, float] = {
     "dwa_switch": 79.0,
     "lookahead_ppo": 9.0,
     "training_worlds": 36.0,
+    "applr": 300.0,
 }
 TRAINED: Mapping[str, float] = {"lookahead_ppo": 240.0, "training_worlds": 150.0}
 OWN = "wayfield,"  # what the sources of our own claims begin with
@@ -138,15 +139,15 @@ Judged = tuple[
 
 
 def judged(root: Path = Path()) -> list[Judged]:
-    """Returns the claims with their verdicts, corrected for all comparisons of the page."""
+    """Returns the claims with their verdicts, corrected for all comparisons that the page shows."""
     found = [(claim, *gathered(rows_of(claim, root))) for claim in CLAIMS.values()]
     first = [judge(*each) for each in found]
-    names = [(k, name) for k, each in enumerate(first) for name in each.gains]
+    names = [(k, name) for k, each in enumerate(first) if each.verdict != NO_VERDICT for name in each.gains]
     corrected = dict(zip(names, holm([first[k].gains[name].p for k, name in names]), strict=True))
     return [
         (
             claim,
-            judge(claim, sides, strata, {name: corrected[k, name] for name in sides if name != AGENT}),
+            judge(claim, sides, strata, {name: corrected.get((k, name), 1.0) for name in sides if name != AGENT}),
             sides,
             len(strata),
             first[k].verdict,
@@ -260,6 +261,7 @@ def page(root: Path = Path()) -> str:
             cells += [str(sides[name].success.shape[1]), against, f"{each.ps[name]:.2g}" if against else ""]
             lines.append(f"| {' | '.join(cells)} |")
         command = claim.published or f"wayfield evaluate --suite papers --claim {claim.name}"
+        command += " --data FOLDER" if claim.data else ""
         lines += [
             "",
             f"n = {scenes} scenes. Gate: {gate_words(claim, each.measured)}. Verdict: **{each.verdict}**"
@@ -271,16 +273,18 @@ def page(root: Path = Path()) -> str:
             "",
         ]
         lines += [f"What would change it: {claim.would_change}", "", f"Again: `{command}`."]
+        lines[-1] += f" The folder must have {claim.data}." if claim.data else ""
         lines += ["", f"The authors answer: {claim.answer}"] if claim.answer else []
     return "\n".join([*lines, "", "## What a re-run takes", "", *times(root), "", *AFTER, ""])
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
 @click.option("--drive", "names", multiple=True, type=click.Choice(list(CLAIMS)), help="A claim to drive anew.")
-def main(names: tuple[str, ...]) -> None:
+@click.option("--data", type=click.Path(exists=True, path_type=Path), help="The folder that a claim needs.")
+def main(names: tuple[str, ...], data: Path | None) -> None:
     """Drives claims, and makes the page."""
     for name in names:
-        rows = [row for row in read() if row["claim"] != name] + list(drive(CLAIMS[name]))
+        rows = [row for row in read() if row["claim"] != name] + list(drive(CLAIMS[name], home=data))
         write_whole(TABLE, written(rows))
     write_whole(PAGE, page().encode())
 

@@ -9,10 +9,11 @@ import numpy as np
 import papers
 import pytest
 from click.testing import CliRunner
+from safetensors.numpy import save_file
 
 from wayfield.benchmarks.commands.evaluate import main
 from wayfield.benchmarks.contests import ALL_CONTESTS
-from wayfield.benchmarks.papers import CLAIMS, crowdnav_sarl
+from wayfield.benchmarks.papers import CLAIMS, applr, crowdnav_sarl
 from wayfield.benchmarks.papers.claim import (
     DOES_NOT_HOLD,
     HOLDS,
@@ -127,6 +128,28 @@ def test_a_rule_that_is_constant_is_pure_pursuit() -> None:
     )
     sides, _ = gathered(drive(claim, 2))
     np.testing.assert_array_equal(sides["agent"].cost, sides["a"].cost)
+
+
+def test_a_network_that_never_changes_its_mind_is_the_planner_with_those_gains(tmp_path: Path) -> None:
+    sizes = {"head.mlp.0": (512, 721), "head.mlp.2": (512, 512), "fc": (7, 512)}
+    arrays = {f"{name}.weight": np.zeros(shape, np.float32) for name, shape in sizes.items()}
+    arrays |= {f"{name}.bias": np.zeros(shape[:1], np.float32) for name, shape in sizes.items()}
+    save_file(arrays, tmp_path / applr.WEIGHTS)
+    middle = {name: round(0.5 * (low + high), 2) for name, (low, high) in applr.RANGES.items()}
+    claim = dataclasses.replace(
+        CLAIMS["applr"],
+        course=dataclasses.replace(applr.COURSE, file="cellular", members=(0, 7)),
+        untuned=Side("", applr.fixed(middle)),
+        tuned=None,
+        beside=None,
+    )
+    sides, _ = gathered(drive(claim, home=tmp_path))
+    np.testing.assert_array_equal(sides["agent"].cost, sides["a"].cost)
+    other = tmp_path / "other"
+    other.mkdir()
+    save_file({**arrays, "fc.bias": np.zeros(2, np.float32)}, other / applr.WEIGHTS)
+    with pytest.raises(ValueError, match=r"must have head.mlp.0.weight \(512, 721\) to fc.bias \(7,\)"):
+        list(drive(claim, home=other))
 
 
 def test_the_page_is_what_its_rows_make() -> None:
