@@ -15,6 +15,7 @@ from wayfield.benchmarks.entrants.documents import documents
 from wayfield.benchmarks.entrants.own_scenario import POLICIES
 from wayfield.benchmarks.episodes.metrics import METRICS, measure
 from wayfield.benchmarks.episodes.rollout import roll_out
+from wayfield.benchmarks.leaderboards.document_tables import ranked
 from wayfield.benchmarks.records.results import read_rows, read_trajectories
 from wayfield.benchmarks.report.page import BUDGET
 
@@ -229,6 +230,16 @@ def test_a_dock_of_ones_own(tmp_path):
     assert "Dock: my dock" in shown
     for column in ("final error (m)", "time (s)", "driven (m)", "changes of direction", "least clearance (m)"):
         assert column in shown
+
+
+def test_a_reference_of_ones_own(tmp_path):
+    file, out = tmp_path / "mine.json", tmp_path / "out"
+    file.write_text('{"reference": [[0, 0], [1, 0.3], [2, 0]], "times": [0, 5, 10], "start": [0.1, 0.1, 0]}')
+    result = evaluate("--path", file, "--policies", "samson,tv_lqr", "--out", out)
+    assert result.exit_code == 0, result.output
+    assert all((out / f"reference_{name}.svg").is_file() for name in ("trajectories", "errors"))
+    assert "Reference: mine" in (out / "table.md").read_text()
+    assert "does best: RMS error after 10 s 0.000" in ranked(read_rows(out))[0]
 
 
 @pytest.mark.usefixtures("undrawn")

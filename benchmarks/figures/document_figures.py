@@ -103,6 +103,23 @@ def driven_paths(experiments: Experiments) -> Figure:
 
 def reference_errors(experiments: Experiments) -> Figure:
     """Returns document A's errors e_d and e_h of the reference point over time."""
+    return _over_time(
+        experiments, "$e_d$ (m)", "$e_h$ (deg)", lambda each: (each.references[:, 0], each.references[:, 2])
+    )
+
+
+def tracked_errors(experiments: Experiments) -> Figure:
+    """Returns the distance from a timed reference and the error of the heading over time."""
+    return _over_time(
+        experiments,
+        "distance (m)",
+        "heading error (deg)",
+        lambda each: (np.hypot(*each.tracked.T[:2]), each.tracked[:, 2]),
+    )
+
+
+def _over_time(experiments: Experiments, place: str, heading: str, errors: Callable[[Trajectory], Any]) -> Figure:
+    """Returns a row of two plots for each experiment: of the errors (m, rad) that each run has over time."""
     of_run = looks(experiments)
     figure, axes = subplots(
         len(experiments),
@@ -115,13 +132,14 @@ def reference_errors(experiments: Experiments) -> Figure:
     for (along, turn), (experiment, group) in zip(axes, experiments.items(), strict=True):
         for row, trajectory in group:
             style = of_run[_label(row)] | {"label": _label(row)}
-            along.plot(trajectory.times, trajectory.references[:, 0], **style)
-            turn.plot(trajectory.times, np.degrees(trajectory.references[:, 2]), **style)
+            off, turned = errors(trajectory)
+            along.plot(trajectory.times, off, **style)
+            turn.plot(trajectory.times, np.degrees(turned), **style)
         along.set_title(experiment, loc="left")
         _open_up(along, 0.1)
         _open_up(turn, 20.0)
-        along.set_ylabel("$e_d$ (m)", parse_math=True)
-        turn.set_ylabel("$e_h$ (deg)", parse_math=True)
+        along.set_ylabel(place, parse_math=True)
+        turn.set_ylabel(heading, parse_math=True)
     for axis in axes[-1]:
         axis.set_xlabel("time (s)")
         axis.set_xlim(left=0.0)
@@ -201,6 +219,7 @@ FIGURES: Mapping[str, Figures] = {
 }
 _OWN: Mapping[str, Figures] = {
     "path": {"trajectories": driven_paths, "errors": reference_errors},
+    "reference": {"trajectories": driven_paths, "errors": tracked_errors},
     "goal": {"trajectories": goal_seekers},
 }  # by what is observed
 

@@ -188,10 +188,10 @@ def _agreement_table(found: Sequence[Compared]) -> Table:
 def ranked(rows: Episodes) -> tuple[str, Table]:
     """Returns the ranking in a scenario of the user's own, as a sentence and as a small table.
 
-    A run that succeeds comes before one that fails; then the error counts on a path, and elsewhere the time.
+    A run that succeeds comes before one that fails; then what the task compares successes by counts.
     """
-    followed = not np.isnan(rows["cross_track_rms"]).all()
-    metric, name, decimals = ("cross_track_rms", "RMS error (m)", 4) if followed else ("time", "time (s)", 2)
+    compared = OF_KIND[rows[0]["contest"]].spec.cost
+    metric, name, decimals = compared.metric, f"{compared.name} ({compared.unit})", max(compared.decimals, 2)
 
     def cost(row: Row) -> float:
         return math.inf if math.isnan(row[metric]) else float(row[metric])

@@ -379,6 +379,8 @@ def spline(points, times):
 def splined(points: Array, at: Array) -> Array:
     """Returns the knots (n, 1 + 3 columns) of the spline of degree 5 through points (n, columns) at arguments (n,)."""
     derivatives = spline(points, at)
+    if len(points) == 2:  # a line: more than one curve has no higher derivatives at its ends
+        derivatives[:] = np.stack([(points[1] - points[0]) / (at[1] - at[0]), np.zeros(points.shape[1])])
     columns = (np.column_stack([points[:, c], derivatives[:, :, c]]) for c in range(points.shape[1]))
     return np.column_stack([at, *columns])
 

@@ -44,10 +44,12 @@ def _no_knots() -> Array:
 class ReferenceScenario(PathScenario):
     """A path to be followed in time: by a clock of its own, or at the `times` of its points.
 
-    With `times`, a spline of degree 5 leads through the points, and a base rests at the first and the last of them.
+    With `times`, a spline of degree 5 leads through the points, and a base rests at the first and the last of them; the
+    clock begins at the first.
 
     Raises:
-        ValueError: as a `PathScenario`; if times do not increase, or their or the headings' number is not the points'.
+        ValueError: as a `PathScenario`; if times do not increase, their or the headings' number is not the points', the
+            headings are no rad, or the start can lie outside the corridor about the reference's first pose.
     """
 
     times: tuple[float, ...] = ()  # s, one for each point of the path
@@ -72,7 +74,9 @@ class ReferenceScenario(PathScenario):
             if isinstance(given, list | tuple) and not len(given) and (name == "headings" or len(self.knots)):
                 continue
             if isinstance(given, list | tuple) and not len(given):
-                raise ValueError(f"times are missing; a reference needs one, in s, for each of its {count} points")
+                raise ValueError(
+                    f"times are missing; a reference is a .json with one, in s, for each of its {count} points"
+                )
             if not isinstance(given, list | tuple) or len(given) != count:
                 many = f"{len(given)} numbers" if isinstance(given, list | tuple) else shown(given)
                 raise ValueError(f"{name} is {many}; the path has {count} points, and each needs one")
@@ -82,7 +86,9 @@ class ReferenceScenario(PathScenario):
             object.__setattr__(self, name, found)
         for i, (before, behind) in enumerate(itertools.pairwise(self.times)):
             if not behind > before:
-                raise ValueError(f"times[{i + 1}] is {behind:g} behind {before:g}; times must increase")
+                raise ValueError(f"times[{i + 1}] is {behind:g} after {before:g}; times must increase")
+        object.__setattr__(self, "times", tuple(each - self.times[0] for each in self.times))
+        self._check_headings()
         if not len(self.knots):
             object.__setattr__(self, "knots", _through(self.path.points, self.times))
             if self.headings:
@@ -90,6 +96,25 @@ class ReferenceScenario(PathScenario):
                 unwind(turned)
                 (found,) = evaluate(splined(turned[:, None], np.array(self.times)), self.knots[:, 0])
                 object.__setattr__(self, "facing", np.column_stack(list(found[:3])))
+        first = float(self.knots[0, 1]), float(self.knots[0, 4])
+        away = math.dist(first, (self.start or first)[:2]) + math.sqrt(2.0) * self.start_offset
+        if away > self.corridor:
+            raise ValueError(
+                f"start is {self.start} with start_offset {self.start_offset:g}, up to {away:.3g} m from where the "
+                f"reference begins; the corridor is {self.corridor:g} m"
+            )
+
+    def _check_headings(self) -> None:
+        """Raises ValueError where headings are no angles in rad, wrapped or counted on beyond a turn."""
+        farthest = max(map(abs, self.headings), default=0.0)
+        before = 0.0
+        for i, heading in enumerate(self.headings):
+            if farthest > 2.0 * math.pi and abs(heading - before) > (math.pi if i else 2.0 * math.pi):
+                raise ValueError(
+                    f"headings[{i}] is {heading:g}; headings are in rad, and beyond a turn none may be more than half "
+                    "a turn from the one before"
+                )
+            before = heading
 
     def scaled(self, scale: float) -> "ReferenceScenario":
         """Returns the scenario with the positions multiplied; the times stay."""

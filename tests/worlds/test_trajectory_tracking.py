@@ -15,6 +15,7 @@ from wayfield.envs.robots.references import RAMP, SAMPLE, base_of, fill, lay_out
 from wayfield.envs.scenarios import TASKS, split
 from wayfield.envs.scenarios.reference_families import REFERENCE_FAMILIES, REFERENCE_SCENARIOS
 from wayfield.envs.scenarios.reference_proofs import FLOOR, PROVERS, proof
+from wayfield.system.objects import FileNote
 
 IDS = TASKS["trajectory_tracking"].ids
 DT = 0.05
@@ -103,11 +104,13 @@ def test_rewards_are_those_of_the_sheet_and_the_cost_is_told_whatever_they_are()
 @pytest.mark.parametrize(
     ("more", "told"),
     [
-        ({"times": [0, 3, 3, 10]}, r"times\[2\] is 3 behind 3; times must increase"),
+        ({"times": [0, 3, 3, 10]}, r"times\[2\] is 3 after 3; times must increase"),
         ({"times": [0, 3, 6]}, "times is 3 numbers; the path has 4 points"),
         ({}, "times are missing"),
         ({"times": [0, 1, 2, 3]}, r"takes [\d.]+ times this base's acceleration at [\d.]+ s; give it more time"),
         ({"times": [0, 9, 18, 27], "headings": [0, 0, 1.5, 1.5]}, r"moves sideways at [\d.]+ m/s at [\d.]+ s"),
+        ({"times": [0, 9, 18, 27], "headings": [0, 90, 90, 180]}, r"headings\[1\] is 90; headings are in rad"),
+        ({"times": [0, 9, 18, 27], "start": [2, 0, 0]}, "up to 2 m from where the reference begins"),
     ],
 )
 def test_what_cannot_be_followed_is_refused_in_a_line(tmp_path: Path, more: dict[str, Any], told: str) -> None:
@@ -118,14 +121,30 @@ def test_what_cannot_be_followed_is_refused_in_a_line(tmp_path: Path, more: dict
     assert len(str(found.value).splitlines()) == 1
 
 
-def test_points_of_a_file_are_passed_at_their_times(tmp_path: Path) -> None:
+def test_times_in_milliseconds_are_noticed(tmp_path: Path) -> None:
     file = tmp_path / "mine.json"
-    points, times = [[0, 0], [1, 0.3], [2, 0], [2, 1.2], [0, 0]], [0.0, 4.0, 8.0, 13.0, 20.0]
-    file.write_text(json.dumps({"reference": points, "times": times, "headings": [0, 1, 2, 1, 0]}))
+    file.write_text(json.dumps({"reference": [[0, 0], [1, 0.3], [2, 0]], "times": [0, 4000, 9000]}))
+    with pytest.warns(FileNote, match=r"takes 0\.\d+ of what this base can, and lasts 9000 s; times are in seconds"):
+        gymnasium.make(IDS[False], scenario=str(file), actuators="lagged")
+
+
+@pytest.mark.parametrize(
+    ("points", "times", "headings"),
+    [
+        ([[0, 0], [1, 0.3], [2, 0], [2, 1.2], [0, 0]], [0.0, 4.0, 8.0, 13.0, 20.0], [0, 1, 2, 1, 0]),
+        ([[0, 0], [3, 0.5]], [0.0, 10.0], [0, 0.5]),
+    ],
+)
+def test_points_of_a_file_are_passed_at_their_times_from_the_first_on(
+    tmp_path: Path, points: list[list[float]], times: list[float], headings: list[float]
+) -> None:
+    file = tmp_path / "mine.json"
+    stamps = [100.0 + each for each in times]
+    file.write_text(json.dumps({"reference": points, "times": stamps, "headings": headings}))
     env: Any = gymnasium.make(IDS[True], scenario=str(file), actuators="lagged").unwrapped
     env.reset(seed=0)
     state = env.batch.states[0]
-    for point, time, heading in zip(points, times, [0, 1, 2, 1, 0], strict=True):
+    for point, time, heading in zip(points, times, headings, strict=True):
         state["steps"] = round(time / DT)
         here = env.task.reference_at(state)
         assert (here["x"], here["y"], here["heading"]) == pytest.approx((*point, heading), abs=1e-9)
