@@ -3,7 +3,6 @@
 import dataclasses
 import functools
 import math
-import warnings
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -56,14 +55,12 @@ from wayfield.envs.world.paths import PathPool
 from wayfield.system.checks import FINEST, MOST_GAIN, choose, number, positive, whole
 from wayfield.system.compiled import compiled, flattened, inlined
 from wayfield.system.elementary import exponential, sin_cos, wrap_angle
-from wayfield.system.objects import FileNote
 
 REWARDS = ("bounded", "quadratic", "exp")
 BEGINS = ("rest", "rolling")
 SETTLED = 10.0  # s, from which on errors decide a success
 HELD = 0.02  # m, RMS error of a success after that, or FLOORS times the floor where that is more
 FLOORS = 3.0
-SLOW = 3e-3  # of what a base can: a reference that takes less has times in milliseconds, most likely
 
 
 @dataclasses.dataclass(frozen=True)
@@ -344,9 +341,6 @@ def laid_out(scenarios: tuple[Any, ...], base: bytes, holonomic: bool, rolling: 
         laid = lay_out(knots, each.path.closed, each.share if scaled else None, ramp, bases, holonomic)
         if said := beyond(laid, bases, scaled):
             raise ValueError(f"{each.name}: the reference {said}")
-        if not scaled and (most := float(laid.worst.max())) < SLOW:
-            doubt = f"takes {most:.1g} of what this base can, and lasts {len(laid.samples) * bases['dt'][0]:.0f} s"
-            warnings.warn(f"{each.name}: the reference {doubt}; times are in seconds", FileNote, stacklevel=2)
         floors[k] = proof(laid, bases, holonomic)[1]
         samples.append(laid.samples)
         times[k] = first, len(laid.samples) - 1, laid.lap

@@ -15,7 +15,6 @@ from wayfield.envs.scenarios.scenario import GoalScenario, PathScenario, check_c
 from wayfield.envs.scenarios.splits import SPLITS, families, split
 from wayfield.envs.scenarios.tables import TABLE_SUFFIXES
 from wayfield.envs.tasks.specs import EVERY, TASKS, TaskSpec
-from wayfield.envs.world.paths import doubt
 from wayfield.system.checks import number, shown, suggestion
 from wayfield.system.objects import FileNote
 
@@ -60,7 +59,7 @@ def path_scenarios(name: str, scale: float = 1.0, spec: TaskSpec = _PATHS) -> tu
 
 def _warned_of(scenarios: tuple[PathScenario, ...]) -> tuple[PathScenario, ...]:
     for each in scenarios:
-        if said := doubt(each.path):
+        if said := each.doubt():
             warnings.warn(f"{each.name}: the path {said}", FileNote, stacklevel=4)
     return scenarios
 

@@ -31,6 +31,7 @@ Drawn = tuple[Array, bool, "Array | None"]  # knots, whether they are a lap, the
 
 SHARES = (0.3, 0.95)
 TOO_FAST = (1.05, 1.4)
+SLOW = 2e-3  # m/s in the mean: times of a slower one are in milliseconds, most likely
 _FINE = 240  # knots of a smooth curve
 _START_OFFSET, _START_TURN = 0.3, 0.3  # m, rad
 _OVERLAP = 24  # points of a closed curve that a spline sees of the lap before and behind
@@ -124,6 +125,12 @@ class ReferenceScenario(PathScenario):
         return dataclasses.replace(
             self, path=path, start=start, knots=self.knots * factors, tier="", quantity=self.share
         )
+
+    def doubt(self) -> str:
+        """Returns what makes it one that robots may not follow as it is meant; "" where nothing does."""
+        if self.times and (speed := self.path.length / self.times[-1]) < SLOW:
+            return f"is driven at {1e3 * speed:.2g} mm/s, in {self.times[-1]:.0f} s; times are in seconds"
+        return super().doubt()
 
     def knots_of(self, holonomic: bool) -> Array:
         """Returns the knots (n, 10) for a base that goes sideways or does not."""

@@ -12,7 +12,7 @@ from wayfield.envs.scenarios.obstacles import described, obstacle_field
 from wayfield.envs.world.geometry import OBSTACLE, clearance_to
 from wayfield.envs.world.grids import OccupancyGrid
 from wayfield.envs.world.movers import PATROL, motion_at
-from wayfield.envs.world.paths import Path
+from wayfield.envs.world.paths import Path, doubt
 from wayfield.system.checks import (
     FARTHEST,
     FASTEST,
@@ -93,6 +93,10 @@ class PathScenario:
         path = Path(self.path.points * scale, self.path.closed)
         start = self.start and (self.start[0] * scale, self.start[1] * scale, self.start[2])
         return dataclasses.replace(self, path=path, start=start, tier="", quantity=math.nan)
+
+    def doubt(self) -> str:
+        """Returns what makes it one that robots may not follow as it is meant; "" where nothing does."""
+        return doubt(self.path)
 
     @property
     def length(self) -> float:

@@ -124,7 +124,7 @@ def test_what_cannot_be_followed_is_refused_in_a_line(tmp_path: Path, more: dict
 def test_times_in_milliseconds_are_noticed(tmp_path: Path) -> None:
     file = tmp_path / "mine.json"
     file.write_text(json.dumps({"reference": [[0, 0], [1, 0.3], [2, 0]], "times": [0, 4000, 9000]}))
-    with pytest.warns(FileNote, match=r"takes 0\.\d+ of what this base can, and lasts 9000 s; times are in seconds"):
+    with pytest.warns(FileNote, match=r"the path is driven at 0\.\d+ mm/s, in 9000 s; times are in seconds"):
         gymnasium.make(IDS[False], scenario=str(file), actuators="lagged")
 
 
