@@ -40,7 +40,6 @@ DOES_NOT_HOLD = "does not hold"
 OPEN = "open"
 NO_VERDICT = "no verdict: rival not reproduced"
 AGENT, UNTUNED, TUNED, ALSO, BESIDE = "agent", "a", "b", "c", "beside"  # sides, as rows call them
-DYNAMICS = "kinematic"
 DATA = "{data}"  # in a policy or a course: the folder of the user's own
 COLUMNS = ("claim", "side", "seed", "family", "scene", "success", "cost")
 
@@ -180,8 +179,9 @@ def settings(claim: Claim, side: Side, scenes: int, home: Path | None = None) ->
         courses = [dataclasses.replace(claim.course, file=file, members=claim.course.members[:scenes])]
         scenes = min(scenes, len(claim.course.members))
     else:
-        families = contest.families(DYNAMICS, claim.families)
-        courses = [contest.course(family, claim.split, claim.robot) for family in families]
+        forced = {name for name, family in contest.spec.families.items() if family.needs_forces}
+        families = [name for name in claim.families if name not in forced]  # which the kinematic plant cannot show
+        courses = [contest.course(name, claim.split, claim.robot) for name in families]
     own = ":" in side.policy
     if own:
         anew = home is not None and claim.training is not None and claim.training.function
@@ -199,7 +199,7 @@ def settings(claim: Claim, side: Side, scenes: int, home: Path | None = None) ->
             raise ValueError(f"{side.policy} has no gains {side.gains!r} for {claim.robot} here; choose from {there}")
         for case in cases:
             seed = str(case.gains.get("seed", ""))
-            yield seed, Setting(contest.name, case, DYNAMICS, "lagged", 0, scenes, members=course.members)
+            yield seed, Setting(contest.name, case, "kinematic", "lagged", 0, scenes, members=course.members)
 
 
 def driven(setting: Setting) -> list[Row]:

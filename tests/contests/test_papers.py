@@ -97,6 +97,8 @@ def test_only_scenes_that_all_sides_met_are_compared() -> None:
     assert {each.success.shape for each in sides.values()} == {(2, 1)}
     with pytest.raises(ValueError, match="no scene was met by all sides"):
         gathered([rows[0], {**rows[1], "side": "b"}])
+    with pytest.raises(ValueError, match="unknown path scenario 'no_such"):
+        list(drive(dataclasses.replace(CLAIMS["own_paths"], families=("no_such",)), 1))
 
 
 @pytest.mark.parametrize("each", CLAIMS.values(), ids=CLAIMS)
