@@ -77,7 +77,7 @@ def saved(make: Callable[[], Figure], stem: Path) -> None:
     with matplotlib.rc_context(RC):
         figure = make()
         figure.savefig(f"{stem}.svg", metadata={"Date": None})
-        figure.set_layout_engine("none")  # things are where they belong: finding that takes as long as drawing
+        figure.set_layout_engine(None)  # things are where they belong: finding that takes as long as drawing
         figure.savefig(f"{stem}.png", dpi=130)
 
 
