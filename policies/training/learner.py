@@ -25,6 +25,7 @@ from wayfield.policies.trained.ppo import shipped_agent
 from wayfield.policies.training.drawn import further
 from wayfield.policies.training.imitation import Teaching
 from wayfield.policies.training.presets import Ppo, Preset, Worlds
+from wayfield.policies.training.proximal import Proximal
 from wayfield.policies.training.shaping import Shaped
 
 MOST_INPUTS = 2**29  # numbers of what is kept to learn from: 2 GiB
@@ -207,7 +208,7 @@ class PpoLearner(Learner):
         preset, learning, prior = self.preset, self.preset.learning, self.preset.prior
         own = learning.algorithm
         assert isinstance(own, Ppo)
-        self.ppo = PPO(
+        self.ppo = Proximal(
             "MlpPolicy",
             self._timed,
             learning_rate=anneal(learning.learning_rate, learning.final_learning_rate),

@@ -251,6 +251,7 @@ PATCHED = {
     "wayfield.policies.poses.astar_tracker.CELLS": "gaps of one cell, on a grid small enough for brute force",
     "wayfield.policies.poses.astar_tracker.WIDE": "as above",
     "wayfield.policies.training.presets.PRESETS.PLAIN": "a preset that is trained in seconds",
+    "wayfield.policies.training.proximal.Proximal.train": "an update that leaves weights which are not finite",
     "wayfield.policies.training.run.validate": "validations of seconds: whole ones take longer than all the rest",
 }
 # What is read of a private name, and why.

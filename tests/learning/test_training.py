@@ -644,9 +644,9 @@ def test_a_training_that_diverges_is_refused_and_leaves_the_best_agent(
     tmp_path: Path, finished: Path, monkeypatch: pytest.MonkeyPatch, update: int
 ) -> None:
     folder, done = tmp_path / "run", 0
-    from stable_baselines3 import PPO
+    from wayfield.policies.training.proximal import Proximal
 
-    learn = PPO.train
+    learn = Proximal.train
 
     def diverge(ppo: Any) -> None:
         nonlocal done
@@ -656,7 +656,7 @@ def test_a_training_that_diverges_is_refused_and_leaves_the_best_agent(
             with torch.no_grad():
                 next(ppo.policy.parameters()).fill_(float("nan"))
 
-    monkeypatch.setattr(PPO, "train", diverge)
+    monkeypatch.setattr(Proximal, "train", diverge)
     with pytest.raises(FloatingPointError, match=r"diverged.*not finite") as caught:
         train(job(folder), quiet)
     assert "\n" not in str(caught.value)
