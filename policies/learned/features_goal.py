@@ -14,7 +14,7 @@ from wayfield.policies.learned.arrival import arrive
 from wayfield.policies.learned.features import LIMIT, MOST_SEEN, Array, Numbers, Tolerances, check_trails
 from wayfield.policies.learned.guard import guard
 from wayfield.policies.parts.gain import Gains, gain
-from wayfield.policies.parts.stopping import FASTEST, INTERVAL, MOVED, WATCHED, rest_radius, step_of_surface
+from wayfield.policies.parts.stopping import FASTEST, INTERVAL, MOVED, WATCHED, boxes_of, rest_radius, step_of_surface
 from wayfield.system.compiled import allocating, any_layout, compiled, inlined
 from wayfield.system.elementary import area_sine, bearing, sin_cos, wrap_angle
 
@@ -353,6 +353,7 @@ def fill_moving(poses, ranges, angles, scales, max_range, pool, sights, out):
         taken = shelve(sights, i, dt)
         age = sights.ages[i, 0]
         lines = sights.older[i].copy()
+        boxes = boxes_of(lines)
         out[i, :] = 0.0
         for b in range(beams):
             r = ranges[i, b]
@@ -368,7 +369,7 @@ def fill_moving(poses, ranges, angles, scales, max_range, pool, sights, out):
                 sights.newer[i, b, 1] = py
             if r > WATCHED or r <= hull:
                 continue
-            squared, rx, ry = step_of_surface(lines, px, py, FASTEST * age * FASTEST * age)
+            squared, rx, ry = step_of_surface(lines, boxes, px, py, FASTEST * age * FASTEST * age)
             nearer = -(rx * ux + ry * uy)
             j = (b - shift) % beams // pool
             if abs(nearer) > 0.5 * MOVED and abs(nearer) > age * abs(out[i, j]):

@@ -20,6 +20,7 @@ RECALL_RANGE = 1.2  # m
 INTERVAL = 0.2  # s, between the scans that motion is seen by
 WATCHED = 3.5  # m, how far away motion is looked for
 WHOLE = 0.4  # m; hits of neighbouring beams that are nearer to each other than this lie on one surface
+BLOCK = 16  # neighbouring beams, whose lines are looked at together
 MOVED = 0.06  # m, nearer, before a surface counts as moving
 FASTEST = 1.0  # m/s, of surfaces that come nearer
 STILL = 1e-3  # m/s; slower than this a robot has stopped: a lag of 0.25 s carries it 0.25 mm farther
@@ -218,6 +219,7 @@ def find_approaching(p, scan, seen, m, i, radius, hits, count):
         m.newer_age = 0.0
     age = m.older_age
     lines = older.copy()  # side by side: a row of a memory is not, which a loop over all pairs would pay for
+    boxes = boxes_of(lines)
     for j in range(beams):
         distance = scan.ranges[i, j]
         if not 0.0 < distance < min(WATCHED, (1.0 - 1e-6) * scan.reach):
@@ -229,7 +231,7 @@ def find_approaching(p, scan, seen, m, i, radius, hits, count):
             newer[j, 1] = py
         if distance <= radius:
             continue
-        squared, rx, ry = step_of_surface(lines, px, py, FASTEST * age * FASTEST * age)
+        squared, rx, ry = step_of_surface(lines, boxes, px, py, FASTEST * age * FASTEST * age)
         nearer = (rx * (x - px) + ry * (y - py)) / distance
         if nearer > MOVED:
             moved = math.sqrt(squared)
@@ -254,6 +256,7 @@ def find_approached(scan, poses, ages, radius, approached):
     for i in range(approached.shape[0]):
         approached[i] = False
         lines = scan.older[i].copy()
+        boxes = boxes_of(lines)
         most = FASTEST * ages[i] * FASTEST * ages[i]
         sine, cosine = sin_cos(poses[i, 2])
         for j in range(scan.directions.shape[0]):
@@ -262,35 +265,61 @@ def find_approached(scan, poses, ages, radius, approached):
                 continue
             ux = cosine * scan.directions[j, 0] - sine * scan.directions[j, 1]
             uy = sine * scan.directions[j, 0] + cosine * scan.directions[j, 1]
-            _, rx, ry = step_of_surface(lines, poses[i, 0] + distance * ux, poses[i, 1] + distance * uy, most)
+            _, rx, ry = step_of_surface(lines, boxes, poses[i, 0] + distance * ux, poses[i, 1] + distance * uy, most)
             if -(rx * ux + ry * uy) > MOVED:
                 approached[i] = True
                 break
 
 
+@allocating
+def boxes_of(older):
+    """Returns what the lines of BLOCK beams each run within, (blocks, 4): the least x and y, and the most, m."""
+    beams = older.shape[0]
+    boxes = np.empty(((beams + BLOCK - 1) // BLOCK, 4))
+    boxes[:, :2] = np.inf
+    boxes[:, 2:] = -np.inf
+    for n in range(beams):
+        k = n + 1 if n + 1 < beams else 0
+        ux = older[k, 0] - older[n, 0]
+        uy = older[k, 1] - older[n, 1]
+        if 0.0 < ux * ux + uy * uy < WHOLE * WHOLE:
+            box = boxes[n // BLOCK]
+            for axis in range(2):
+                box[axis] = min(box[axis], older[n, axis], older[k, axis])
+                box[2 + axis] = max(box[2 + axis], older[n, axis], older[k, axis])
+    return boxes
+
+
 @inlined
-def step_of_surface(older, px, py, most):
+def step_of_surface(older, boxes, px, py, most):
     """Returns (squared length, x, y), m, of the shortest step, under sqrt(most), to a point from lines of a scan.
 
-    A line joins the hits of neighbouring beams that lie on one surface; the step is 0, 0 where none is near.
+    A line joins the hits of neighbouring beams that lie on one surface; the step is 0, 0 where none is near. Blocks of
+    lines that are farther away than the shortest so far, by `boxes_of`, are not looked at.
     """
     beams = older.shape[0]
     rx = 0.0
     ry = 0.0
-    for n in range(beams):
-        k = n + 1 if n + 1 < beams else 0
-        ax = px - older[n, 0]
-        ay = py - older[n, 1]
-        ux = older[k, 0] - older[n, 0]
-        uy = older[k, 1] - older[n, 1]
-        length = ux * ux + uy * uy
-        along = ax * ux + ay * uy
-        across = ax * uy - ay * ux
-        # no comparison holds for NaN
-        if 0.0 < length < WHOLE * WHOLE and 0.0 <= along <= length and across * across < most * length:
-            most = across * across / length
-            rx = across * uy / length
-            ry = -across * ux / length
+    for block in range(boxes.shape[0]):
+        x = max(boxes[block, 0] - px, px - boxes[block, 2], 0.0)
+        y = max(boxes[block, 1] - py, py - boxes[block, 3], 0.0)
+        # wider by what rounding could do to a line just beside
+        if x * x + y * y > 1.001 * most + 1e-6:
+            continue
+        for n in range(block * BLOCK, min((block + 1) * BLOCK, beams)):
+            k = n + 1 if n + 1 < beams else 0
+            ax = px - older[n, 0]
+            ay = py - older[n, 1]
+            ux = older[k, 0] - older[n, 0]
+            uy = older[k, 1] - older[n, 1]
+            length = ux * ux + uy * uy
+            along = ax * ux + ay * uy
+            across = ax * uy - ay * ux
+            # no comparison holds for NaN
+            if 0.0 < length < WHOLE * WHOLE and 0.0 <= along <= length and across * across < most * length:
+                most = across * across / length
+                rx = across * uy / length
+                ry = -across * ux / length
     return most, rx, ry
 
 
