@@ -16,7 +16,7 @@ from wayfield.policies.parts.laws import PathLaw
 from wayfield.policies.parts.params import PLANT, plant
 from wayfield.policies.parts.path_smoothing import smoothed
 from wayfield.policies.parts.pose_path import BEHIND, SPACING, locate, on_path
-from wayfield.policies.parts.quadratic import solution, solver_of
+from wayfield.policies.parts.quadratic import Solver
 from wayfield.policies.parts.shooting import Slopes, drive_on
 from wayfield.policies.parts.steering import Motion, unicycle_twists
 from wayfield.system.compiled import allocating, any_layout, compiled, inlined
@@ -245,7 +245,6 @@ class QuadraticProgram:
         before = np.triu(np.ones((n, n)))
         pattern = np.triu(np.ones((3 * n, 3 * n)))
         pattern[:, 2 * n :] = np.vstack([before, before, np.eye(n)])
-        self.rows, self.columns = (each.astype(np.int64) for each in np.nonzero(pattern.T)[::-1])
         self.scale = 1.0 / np.repeat(units, [n, n, n, n, n * len(wheels), 1])
         constraints = scipy.sparse.csc_matrix(scipy.sparse.diags(self.scale) @ scipy.sparse.block_array(rows))
         self.arrays = Program(
@@ -257,7 +256,7 @@ class QuadraticProgram:
         )
         self.multipliers = np.zeros(constraints.shape[0])
         bounds = self.arrays.lower, self.arrays.upper
-        self._solver = solver_of(pattern, self.arrays.gradient, constraints, bounds, solver_iterations)
+        self._solver = Solver(pattern, self.arrays.gradient, constraints, bounds, solver_iterations)
 
     def solve(self, slope: float, multipliers: Array) -> bool:
         """Puts the solution into `arrays.plan` and `multipliers`, started from them; False if none.
@@ -270,17 +269,17 @@ class QuadraticProgram:
         if not math.isfinite(slope):
             return False
         share = 1.0 / max(slope, 1.0)
-        self._solver.update(
-            q=share * self.arrays.gradient,
-            l=self.scale * self.arrays.lower,
-            u=self.scale * self.arrays.upper,
-            Px=share * self.arrays.hessian[self.rows, self.columns],
+        found = self._solver.solve(
+            share * self.arrays.gradient,
+            self.scale * self.arrays.lower,
+            self.scale * self.arrays.upper,
+            share * self.arrays.hessian,
+            (self.arrays.plan, share * multipliers),
         )
-        result = solution(self._solver, self.arrays.plan, share * multipliers)
-        if result is None:
+        if found is None:
             return False
-        self.arrays.plan[:] = result.x
-        self.multipliers[:] = result.y / share
+        self.arrays.plan[:] = found[0]
+        self.multipliers[:] = found[1] / share
         return True
 
 

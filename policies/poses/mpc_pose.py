@@ -15,7 +15,7 @@ from wayfield.policies.parts.gain import gain
 from wayfield.policies.parts.laws import GoalLaw
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.polar_coordinates import polar_twist
-from wayfield.policies.parts.quadratic import solution, solver_of
+from wayfield.policies.parts.quadratic import Solver
 from wayfield.policies.parts.shooting import Slopes, drive_on, lagged_period
 from wayfield.policies.parts.steering import unicycle_twists
 from wayfield.system.compiled import allocating, any_layout, assign, compiled, inlined
@@ -169,13 +169,12 @@ class PoseProgram:
         constraints = scipy.sparse.csc_matrix(scipy.sparse.block_array(rows))
         self.unit = 1.0 / fastest
         pattern = np.triu(np.ones((2 * n, 2 * n)))
-        self.rows, self.columns = (each.astype(np.int64) for each in np.nonzero(pattern.T)[::-1])
         size = constraints.shape[0]
         self.arrays = Program(np.zeros((2 * n, 2 * n)), np.zeros(2 * n), np.zeros(size), np.zeros(size))
         self._none = np.zeros(2 * n), np.zeros(size)
         self._speed = speed
         bounds = self.arrays.lower, self.arrays.upper
-        self._solver = solver_of(pattern, self.arrays.gradient, constraints, bounds, iterations)
+        self._solver = Solver(pattern, self.arrays.gradient, constraints, bounds, iterations)
 
     def solve(self, slope: float) -> Array | None:
         """Returns the change (2 n,) of the plan; None if the program is not solved.
@@ -187,14 +186,14 @@ class PoseProgram:
         if not math.isfinite(slope):
             return None
         share = 1.0 / max(slope, 1e-9)
-        self._solver.update(
-            q=share * self.arrays.gradient,
-            l=self.arrays.lower,
-            u=self.arrays.upper,
-            Px=share * self.arrays.hessian[self.rows, self.columns],
+        found = self._solver.solve(
+            share * self.arrays.gradient,
+            self.arrays.lower,
+            self.arrays.upper,
+            share * self.arrays.hessian,
+            self._none,
         )
-        result = solution(self._solver, *self._none)
-        return None if result is None else np.asarray(result.x)
+        return None if found is None else found[0]
 
 
 # One program serves every robot of its kind in a thread: it holds nothing of theirs from one solution to the next.

@@ -10,7 +10,7 @@ from wayfield.envs import trajectory_tracking
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies.parts.gain import gain
 from wayfield.policies.parts.params import params
-from wayfield.policies.parts.quadratic import solution, solver_of
+from wayfield.policies.parts.quadratic import Solver
 from wayfield.policies.parts.timed_plan import TimedPlanner, begin, bound_of, drive, empty_plan, fill_slopes, weight_of
 from wayfield.system.compiled import allocating, any_layout
 from wayfield.system.threads import one_a_thread
@@ -79,23 +79,22 @@ class QuadraticProgram:
             np.zeros((count, count)), np.zeros(count), np.zeros(rows.shape[0]), np.zeros(rows.shape[0])
         )
         pattern = np.triu(np.ones((count, count)))
-        self.rows, self.columns = (each.astype(np.int64) for each in np.nonzero(pattern.T)[::-1])
         self.shape = (horizon, axes)
-        self._solver = solver_of(pattern, self.arrays.gradient, rows, self.arrays[2:], solver_iterations)
+        self._solver = Solver(pattern, self.arrays.gradient, rows, self.arrays[2:], solver_iterations)
 
     def solve(self) -> Array | None:
         """Returns the steps (n, t) that OSQP finds from none; None if it finds none."""
         if not np.isfinite(self.arrays.gradient).all():
             return None
         share = 1.0 / max(float(np.abs(np.diag(self.arrays.hessian)).max()), 1e-9)
-        self._solver.update(
-            q=share * self.arrays.gradient,
-            l=self.scale * self.arrays.lower,
-            u=self.scale * self.arrays.upper,
-            Px=share * self.arrays.hessian[self.rows, self.columns],
+        found = self._solver.solve(
+            share * self.arrays.gradient,
+            self.scale * self.arrays.lower,
+            self.scale * self.arrays.upper,
+            share * self.arrays.hessian,
+            (np.zeros(len(self.arrays.gradient)), np.zeros(len(self.scale))),
         )
-        result = solution(self._solver, np.zeros(len(self.arrays.gradient)), np.zeros(len(self.scale)))
-        return None if result is None else np.asarray(result.x).reshape(self.shape)
+        return None if found is None else found[0].reshape(self.shape)
 
 
 # One program serves every robot of its kind in a thread: it holds nothing of theirs from one solution to the next.
