@@ -181,6 +181,8 @@ def decide(params, beams, ranges, seen, memory, twists):
     plans = np.empty((p.samples + 1, p.steps, 3))
     costs = np.empty(p.samples)
     weights = np.empty(p.samples)
+    noise = np.empty((p.samples, p.steps, 3))
+    drawn = -1  # the decision whose noise that is
     for i in range(memory.shape[0]):
         m = memory[i]
         wheels = seen.twists[i]
@@ -203,7 +205,10 @@ def decide(params, beams, ranges, seen, memory, twists):
             if p.detour:
                 measure_ways(p, clearances, goal_x, goal_y, slowness, ways)
             move_on(p, m.plan)
-            sample(p, m.decisions, m.plan, plans)
+            if m.decisions != drawn:  # robots that began together draw the same
+                draw(p, m.decisions, noise)
+                drawn = m.decisions
+            sample(p, noise, m.plan, plans)
             for k in range(p.samples):
                 costs[k] = roll_out(p, plans[k], m.command, wheels, goal, clearances, ways)
             best = weigh(costs, p.temperature, weights)
@@ -317,7 +322,7 @@ def measure_clearances(p, hits, count, clearances):
             clearances[i, j] = math.sqrt(clearances[i, j]) - p.plant.hull_radius
 
 
-@compiled
+@allocating
 def measure_ways(p, clearances, goal_x, goal_y, slowness, ways):
     """Fills the grid with the length (m) of the shortest way from each node to the goal.
 
@@ -339,11 +344,20 @@ def measure_ways(p, clearances, goal_x, goal_y, slowness, ways):
                 ways[i, j] = straight + WALL_SLOWNESS * closed * p.plant.hull_radius
             else:
                 ways[i, j] = FAR
+    # a row is looked at again once it, or one beside it, has changed since: what it would find else is there
+    changed = np.zeros(side, np.int64)
+    looked = np.full(side, -1)
+    now = 0
     for _ in range(8):
         change = 0.0
         for sweep in range(4):
             for a in range(side):
                 i = a if sweep & 1 else side - 1 - a
+                beside = max(changed[max(i - 1, 0)], changed[min(i + 1, side - 1)])
+                if changed[i] < looked[i] and beside <= looked[i]:
+                    continue
+                now += 1
+                looked[i] = now
                 for b in range(side):
                     j = b if sweep & 2 else side - 1 - b
                     here = ways[i, j]
@@ -355,6 +369,7 @@ def measure_ways(p, clearances, goal_x, goal_y, slowness, ways):
                     if way < here:
                         change = max(change, here - way)
                         ways[i, j] = way
+                        changed[i] = now
         if change < 0.01:
             break
     # a hull beside a wall reads nodes in it too: they shall not say how far it is through the wall
@@ -438,11 +453,9 @@ def clamp(p, vx, vy, yaw_rate):
     return min(max(vx, -p.max_reverse), p.max_speed), 0.0, yaw_rate
 
 
-@allocating
-def sample(p, decisions, plan, plans):
-    """Fills the plans of a robot's next decision: its last one, standstill, and that last one with noise, clamped."""
-    assign(plans[0], plan)
-    plans[1] = 0.0
+@compiled
+def draw(p, decisions, noise):
+    """Fills the noise (samples, steps, 3) of that decision of any robot, m/s and rad/s, correlated along a plan."""
     key = scramble(np.uint64(p.seed))
     fresh = math.sqrt(1.0 - p.noise_correlation * p.noise_correlation)
     number = decisions * p.samples * p.steps * 2
@@ -461,8 +474,20 @@ def sample(p, decisions, plan, plans):
                 ey = keep * ey + new * p.speed_noise * n_y
             keep = p.noise_correlation
             new = fresh
+            noise[k, t, 0] = ex
+            noise[k, t, 1] = ey
+            noise[k, t, 2] = turn
+
+
+@allocating
+def sample(p, noise, plan, plans):
+    """Fills the plans of a robot's next decision: its last one, standstill, and that last one with noise, clamped."""
+    assign(plans[0], plan)
+    plans[1] = 0.0
+    for k in range(2, p.samples):
+        for t in range(p.steps):
             plans[k, t, 0], plans[k, t, 1], plans[k, t, 2] = clamp(
-                p, plans[0, t, 0] + ex, plans[0, t, 1] + ey, plans[0, t, 2] + turn
+                p, plans[0, t, 0] + noise[k, t, 0], plans[0, t, 1] + noise[k, t, 1], plans[0, t, 2] + noise[k, t, 2]
             )
 
 

@@ -308,7 +308,9 @@ def plans_of(policy: Mppi, robot: str, plan: NDArray[np.float64], decision: int 
     """Returns the samples (samples, steps, 3) around a plan (steps, 3)."""
     params = policy.params(brief(robot))
     plans = np.empty((policy.samples + 1, policy.steps, 3))
-    mppi.sample(params[0], decision, plan, plans)
+    noise = np.empty((policy.samples, policy.steps, 3))
+    mppi.draw(params[0], decision, noise)
+    mppi.sample(params[0], noise, plan, plans)
     return plans[:-1]
 
 
@@ -332,7 +334,9 @@ def test_no_plan_reverses_without_a_view_behind() -> None:
         (dataclasses.replace(whole, beam_angles=whole.beam_angles[9:-9]), 0.0),
     ):
         plans = np.empty((policy.samples + 1, policy.steps, 3))
-        mppi.sample(policy.params(briefing)[0], 0, np.zeros((policy.steps, 3)), plans)
+        noise = np.empty((policy.samples, policy.steps, 3))
+        mppi.draw(policy.params(briefing)[0], 0, noise)
+        mppi.sample(policy.params(briefing)[0], noise, np.zeros((policy.steps, 3)), plans)
         assert plans[:-1, :, 0].min() == least
 
 
