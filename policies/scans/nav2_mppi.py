@@ -239,28 +239,25 @@ def after_period(p, seen, i, pose):
     return integrate_arc(pose[0], pose[1], pose[2], twist[0], twist[1], twist[2], p.plant.dt)
 
 
-@compiled
+@allocating
 def roll_out(p, sequence, samples, now, pose):
     """Fills the controls of the samples, and where they lead: x, y (m), heading (rad).
 
-    A control acts in the step after its own; the first step is driven at the twist that the robot has.
+    A control acts in the step after its own; the first step is driven at the twist that the robot has. Sines are taken
+    of all steps of a sample at once, several in an instruction.
     """
     noise, controls, places, _ = samples
     dt = p.step_time
     change = p.acceleration * dt
     turn_change = p.yaw_acceleration * dt
+    headings, sines, cosines = np.empty(p.steps), np.empty(p.steps), np.empty(p.steps)
     for k in range(controls.shape[0]):
         vx, vy, w = now
         x, y, heading = pose
-        sine, cosine = sin_cos(heading)
         for t in range(p.steps):
-            x += (cosine * vx - sine * vy) * dt
-            y += (sine * vx + cosine * vy) * dt
+            headings[t] = heading
             heading += w * dt
-            places[k, t, 0] = x
-            places[k, t, 1] = y
             places[k, t, 2] = heading
-            sine, cosine = sin_cos(heading)
             vx = min(max(sequence[t, 0] + noise[k, t, 0], vx - change), vx + change)
             w = min(max(sequence[t, 2] + noise[k, t, 2], w - turn_change), w + turn_change)
             if p.plant.holonomic:
@@ -268,6 +265,16 @@ def roll_out(p, sequence, samples, now, pose):
             controls[k, t, 0] = vx
             controls[k, t, 1] = vy
             controls[k, t, 2] = w
+        for t in range(p.steps):
+            sines[t], cosines[t] = sin_cos(headings[t])
+        vx, vy, _ = now
+        for t in range(p.steps):
+            x += (cosines[t] * vx - sines[t] * vy) * dt
+            y += (sines[t] * vx + cosines[t] * vy) * dt
+            places[k, t, 0] = x
+            places[k, t, 1] = y
+            vx = controls[k, t, 0]
+            vy = controls[k, t, 1]
 
 
 # The critics.
