@@ -156,6 +156,8 @@ def test_a_network_that_never_changes_its_mind_is_the_planner_with_those_gains(t
 
 def test_the_page_is_what_its_rows_make() -> None:
     assert (ROOT / papers.PAGE).read_text(encoding="utf-8") == papers.page(ROOT)
+    of_papers = papers.counted(papers.judged(ROOT)).partition(";")[0]
+    assert of_papers in (ROOT / "README.md").read_text(encoding="utf-8")
 
 
 def test_a_claim_runs_again_as_it_was_published(tmp_path: Path) -> None:
