@@ -26,6 +26,7 @@ from wayfield.benchmarks.entrants.own_policies import own_policy
 from wayfield.benchmarks.records.episode import Row
 from wayfield.benchmarks.runs.suite import Setting, episodes
 from wayfield.benchmarks.statistics.paired import SIGNIFICANT, Difference, difference
+from wayfield.envs.scenarios.barn import barn_scenarios
 from wayfield.policies.trained.ppo import in_place_of
 from wayfield.system.executors import Map
 
@@ -40,7 +41,7 @@ DOES_NOT_HOLD = "does not hold"
 OPEN = "open"
 NO_VERDICT = "no verdict: rival not reproduced"
 AGENT, UNTUNED, TUNED, ALSO, BESIDE = "agent", "a", "b", "c", "beside"  # sides, as rows call them
-DATA = "{data}"  # in a policy or a course: the folder of the user's own
+DATA = "{data}"  # in a policy: the folder of the user's own; as the file of a course: its worlds, by their numbers
 COLUMNS = ("claim", "side", "seed", "family", "scene", "success", "cost")
 
 
@@ -175,9 +176,11 @@ def settings(claim: Claim, side: Side, scenes: int, home: Path | None = None) ->
     """
     contest: Contest = ALL_CONTESTS[claim.contest]
     if claim.course is not None:
-        file = claim.course.file.replace(DATA, str(home))
-        courses = [dataclasses.replace(claim.course, file=file, members=claim.course.members[:scenes])]
-        scenes = min(scenes, len(claim.course.members))
+        file, members = claim.course.file, claim.course.members[:scenes]
+        if file == DATA:
+            file, members = str(home), numbered(str(home), members)
+        courses = [dataclasses.replace(claim.course, file=file, members=members)]
+        scenes = len(members)
     else:
         forced = {name for name, family in contest.spec.families.items() if family.needs_forces}
         families = [name for name in claim.families if name not in forced]  # which the kinematic plant cannot show
@@ -200,6 +203,19 @@ def settings(claim: Claim, side: Side, scenes: int, home: Path | None = None) ->
         for case in cases:
             seed = str(case.gains.get("seed", ""))
             yield seed, Setting(contest.name, case, "kinematic", "lagged", 0, scenes, members=course.members)
+
+
+def numbered(folder: str, worlds: Iterable[int]) -> tuple[int, ...]:
+    """Returns where worlds of the BARN challenge stand among those of a folder, by their numbers.
+
+    Raises:
+        ValueError: if one is missing, or a file is faulty.
+    """
+    there = {each.name: k for k, each in enumerate(barn_scenarios(folder))}
+    missing = [f"world_{world}" for world in worlds if f"world_{world}" not in there]
+    if missing:
+        raise ValueError(f"{folder} has no {missing[0]}.world")
+    return tuple(there[f"world_{world}"] for world in worlds)
 
 
 def driven(setting: Setting) -> list[Row]:

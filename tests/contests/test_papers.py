@@ -152,6 +152,8 @@ def test_a_network_that_never_changes_its_mind_is_the_planner_with_those_gains(t
     save_file({**arrays, "fc.bias": np.zeros(2, np.float32)}, other / applr.WEIGHTS)
     with pytest.raises(ValueError, match=r"must have head.mlp.0.weight \(512, 721\) to fc.bias \(7,\)"):
         list(drive(claim, home=other))
+    with pytest.raises(ValueError, match="holds no worlds of the BARN challenge"):
+        list(drive(CLAIMS["applr"], 1, other))
 
 
 def test_the_page_is_what_its_rows_make() -> None:
