@@ -185,8 +185,8 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
 
     def _meanwhile(self, ended: NDArray[np.bool_], results: Results, info: dict[str, Any]) -> None:
         """Resets the robots that have ended and fills the info, whose arrays others may still be writing."""
-        again = np.flatnonzero(ended)
-        if len(again) and len(again := again[~self.resting[again]]):
+        again = np.flatnonzero(ended > self.resting)
+        if len(again):
             self.batch.reset(again, self._generators, results)
         info.update(self._info(results))
 
