@@ -724,7 +724,8 @@ def main(
 
     contest = ALL_CONTESTS[suite]
     if policy not in contest.policies:
-        raise click.UsageError(f"POLICY {policy!r} takes no part in suite {suite!r}")
+        suites = ", ".join(name for name in TUNED_FOR if policy in ALL_CONTESTS[name].policies)
+        raise click.UsageError(f"POLICY {policy!r} takes no part in suite {suite!r}; it is tuned with --suite {suites}")
     _check_robot(policy, contest, robot)
     own = contest.rules.speed if contest.rules else None
     if None not in (speed, own) and speed != own:

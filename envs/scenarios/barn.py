@@ -84,7 +84,9 @@ def _scenarios(folder: str, states: tuple[tuple[str, int, int, int, int], ...]) 
         if found := _WORLD.fullmatch(file.name):
             obstacles[int(found[1])], sources[int(found[1])] = read_world(file), file
     if not obstacles:
-        raise ValueError(f"{folder}: holds no worlds of the BARN challenge: no world_N.world and no {CYLINDERS}")
+        raise ValueError(
+            f"{folder}: holds no worlds of the BARN challenge: no world_N.world and no {CYLINDERS}; people are .txt"
+        )
     made = []
     for world in sorted(obstacles):
         if world not in paths:

@@ -43,6 +43,7 @@ FASTEST = 4.0  # m/s, in the median step of a person that walks
 _FARTHEST = 10_000  # m, of a person from the origin
 _LARGEST = 2**53  # of frames and ids: microseconds since 1970 are fewer
 _ASTRAY = 0.25  # steps, by which a row may come early or late
+_JUMP = 3.0  # times FASTEST, and times the median pace of a file: no person moves on so
 _SLOW = 0.05  # m/s, of a set whose unit is another
 _USUAL = 0.5, 1.3, 2.0  # m/s, of people who walk: at least, in the mean, at most in the median of a set
 
@@ -280,10 +281,14 @@ def _walked(file: Path, people: list[NDArray[np.float64]], rate: float | None) -
         raise ValueError(f"{file}:1: no id has two rows; at least one must, at different frames")
     longest = (max(math.floor(LONGEST_GAP * (rate or RATE)), 1) + _ASTRAY) * step
     origin = min(each[0] for each in frames)
+    # m a frame, beyond which nobody walks: an id that was given to another; not where coordinates are no metres
+    walks = zip(people, frames, strict=True)
+    paces = [np.hypot(*np.diff(rows[:, 2:], axis=0).T) / np.diff(mine) for rows, mine in walks]
+    most = _JUMP * max(FASTEST / ((rate or RATE) * step), float(np.median(np.concatenate(paces))))
     found: list[Person] = []
     filled = parted = size = 0
-    for rows, mine in zip(people, frames, strict=True):
-        parts = np.split(np.arange(len(mine)), np.flatnonzero(np.diff(mine) > longest) + 1)
+    for rows, mine, pace in zip(people, frames, paces, strict=True):
+        parts = np.split(np.arange(len(mine)), np.flatnonzero((np.diff(mine) > longest) | (pace > most)) + 1)
         parted += len(parts) - 1
         size += sum(int((mine[part[-1]] - mine[part[0]]) / step) + 1 for part in parts)
         if size > MOST_ROWS:
@@ -299,13 +304,11 @@ def _walked(file: Path, people: list[NDArray[np.float64]], rate: float | None) -
             name = f"{int(rows[0, 1])}" if k == 0 else f"{int(rows[0, 1])}.{k}"
             # a person annotated between the frames of others is moved to the next of theirs
             found.append(Person(name, int(late) + (2 * rest > step), between))
-    if filled or parted:
-        warnings.warn(
-            f"{file}: {filled} missing rows are filled in along straight lines, and over {parted} gaps of more than "
-            f"{LONGEST_GAP:g} s a person leaves and another comes; rows are {step:g} frames apart",
-            FileNote,
-            stacklevel=2,
-        )
+    said = [f"{filled} missing rows are filled in along straight lines"] * bool(filled)
+    parting = f"at {parted} gaps of more than {LONGEST_GAP:g} s, or jumps, a person leaves and another comes"
+    said += [parting] * bool(parted)
+    if said:
+        warnings.warn(f"{file}: {', and '.join(said)}; rows are {step:g} frames apart", FileNote, stacklevel=2)
     _check_speed(file, found, rate)
     return found
 

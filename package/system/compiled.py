@@ -24,6 +24,8 @@ from wayfield.system.compile_notices import tell_of_no_cache
 from wayfield.system.kernel_digest import sources_digest
 
 _config: Any = numba.config
+if _config.DISABLE_JIT:
+    raise ImportError("NUMBA_DISABLE_JIT is set, and nothing of wayfield runs without compiled kernels: unset it")
 _TESTED = (0, 69)  # Numba before this version; the bound of pyproject.toml
 
 

@@ -81,17 +81,22 @@ def test_missing_rows_are_filled_in_and_long_gaps_part_a_person(tmp_path: Path) 
     held = {f"{10 * frame}\t{person}\t" for frame, person in ((5, 1), (6, 1), (9, 2), (20, 2))}
     (tmp_path / "gaps" / "a.txt").write_text("".join(row for row in rows if not row.startswith(tuple(held))))
     whole = recorded(tmp_path / "whole")
-    with pytest.warns(UserWarning, match=r"a\.txt: 4 missing rows are filled in .* over 0 gaps of more than 2 s"):
+    with pytest.warns(UserWarning, match=r"a\.txt: 4 missing rows are filled in along straight lines; rows are"):
         filled = recorded(tmp_path / "gaps")
     for a, b in zip(whole, filled, strict=True):  # who walks straight on walks the same
         np.testing.assert_allclose(b.tracks, a.tracks, atol=2e-4)
         assert (a.starts.tobytes(), a.goals.tobytes()) == (b.starts.tobytes(), b.goals.tobytes())
     late = "".join(f"{10 * (40 + k)}\t1\t{9.0 + 0.4 * k}\t3\n" for k in range(20))
     (tmp_path / "gaps" / "a.txt").write_text("".join(rows) + late)
-    with pytest.warns(UserWarning, match=r"0 missing rows .* over 1 gaps"):
+    with pytest.warns(UserWarning, match=r"a\.txt: at 1 gaps of more than 2 s, or jumps, a person leaves and another"):
         parted = recorded(tmp_path / "gaps")
     assert [each.name for each in parted] == ["gaps_1", "gaps_1.1", "gaps_2"]
     assert (len(parted[0].walks), len(whole[0].walks)) == (3, 2)
+    last = max(int(row.split()[0]) for row in rows if row.split()[1] == "1")
+    jumped = "".join(f"{last + 10 * (k + 1)}\t1\t{60.0 + 0.4 * k}\t3\n" for k in range(20))
+    (tmp_path / "gaps" / "a.txt").write_text("".join(rows) + jumped)
+    with pytest.warns(UserWarning, match="at 1 gaps .* or jumps"):
+        assert [each.name for each in recorded(tmp_path / "gaps")] == ["gaps_1", "gaps_1.1", "gaps_2"]
 
 
 @pytest.mark.parametrize("rate", [2.5, 10.0, 16.0, 25.0])

@@ -62,3 +62,10 @@ def test_another_numba_is_used_in_the_plain_mode_with_one_warning(before: str, s
     assert found.stdout == "2\n"
     assert found.stderr.count("RuntimeWarning") == 1
     assert says in found.stderr
+
+
+def test_without_a_compiler_one_line_says_what_to_unset() -> None:
+    env = os.environ | {"NUMBA_DISABLE_JIT": "1"}
+    words = [sys.executable, "-c", "import wayfield.envs.batch"]
+    refused = subprocess.run(words, env=env, capture_output=True, text=True, check=False)
+    assert refused.stderr.splitlines()[-1].startswith("ImportError: NUMBA_DISABLE_JIT is set")

@@ -155,7 +155,7 @@ def test_a_map_alone_is_a_world_where_a_start_is_given(tmp_path):
     assert ahead == pytest.approx(2.7 - 1.0, abs=1e-3)  # the wall begins with column 37
     with pytest.raises(ValueError, match="--start"):
         Body(BURGER, scenario=str(file))
-    with pytest.raises(ValueError, match="occupied over the start"):
+    with pytest.raises(ValueError, match="occupied or unknown over the start"):
         Body(BURGER, scenario=str(file), start=(-0.9, 1.0, 0.0))
 
 
