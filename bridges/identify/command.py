@@ -9,10 +9,10 @@ from typing import Any
 import click
 
 from wayfield.bridges.identify.checks import Checked, check
-from wayfield.bridges.identify.estimate import BLOCK, Fit, fit, intervals
+from wayfield.bridges.identify.estimate import Fit, fit, intervals
 from wayfield.bridges.identify.noise import measure, rates
 from wayfield.bridges.identify.odometry import odometry_errors
-from wayfield.bridges.identify.prediction import Prediction, predict
+from wayfield.bridges.identify.prediction import BLOCK, Prediction, predict
 from wayfield.bridges.identify.recording import STAMPS, Log, Topics, read_log
 from wayfield.bridges.identify.response import SATURATIONS
 from wayfield.bridges.identify.sheet import identified, settled

@@ -44,8 +44,7 @@ from wayfield.bridges.identify.sampling import earlier, lateness, rounded, throt
 DELAYS = np.arange(0.0, 0.5, 0.03)  # s, of the grid
 LONGEST_DELAY = 0.8  # s
 LAGS = (0.002, 3.0)  # s
-BLOCK = 10.0  # s, of the blocks that are left out in turn to choose the saturation
-GAIN = 0.005  # share of the held-out error by which a saturation must be better than the one before
+GAIN = 0.005  # share of the loss by which a saturation must be better than the one before
 TELLING = 10.0  # of the loss, by which commands between the records must be better than those that are held
 BEND = 3.0  # deviations of the noise, beyond which a residual counts in proportion
 FAR = 8.0  # deviations, beyond which a message is called wrong
@@ -95,7 +94,7 @@ class Fit:
     numbers: Floats  # (12,), as PAIR names them
     drive: Drive  # what it is fitted to
     noise: Floats  # (2,) standard deviation of the residuals
-    held_out: tuple[float, float, float]  # RMS of both axes over their noise, per saturation, on blocks left out
+    losses: tuple[float, float, float]  # mean loss over the noise, per saturation
     throttled: bool = False  # whether the drive's commands are those between the records, as they are not all recorded
     estimates: tuple[Estimate, ...] = ()
 
@@ -431,7 +430,7 @@ def _starts(drive: Drive, numbers: Floats, half_track: float) -> list[Floats]:
 
 
 def choose_saturation(drive: Drive, axes: Floats, half_track: float) -> tuple[int, Floats, tuple[float, float, float]]:
-    """Returns the saturation that best predicts blocks of the drive which its fit has not seen.
+    """Returns the saturation that fits a drive best; all have as many parameters.
 
     Args:
         drive: what was commanded and measured.
@@ -439,28 +438,21 @@ def choose_saturation(drive: Drive, axes: Floats, half_track: float) -> tuple[in
         half_track: m, from which the search for half of the track starts.
 
     Returns:
-        The saturation, its numbers fitted to the whole drive, and the errors of all three: mean loss over noise, on
-        the blocks left out.
+        The saturation, its numbers, and the errors of all three: mean loss over noise.
     """
     noise = noise_of(drive, pair_response(drive, AXES, axes)[0])
-    block = ((drive.times - drive.times[0]) // BLOCK).astype(int) % 2
-    numbers, held_out = {}, []
+    numbers: list[Floats] = []
+    losses: list[float] = []
     for saturation in (AXES, TWIST, WHEELS):
         problem = pair_problem(drive, saturation, noise)
-        starts = [axes] if saturation == AXES else _starts(drive, axes, half_track)
-        numbers[saturation] = problem.numbers(problem.best([problem.parameters(each) for each in starts], 1e-6)[0])
-        errors = []
-        for out in range(2):
-            part = pair_problem(drive.only(block != out), saturation, noise)
-            x = part.best([part.parameters(numbers[saturation])], 1e-5)[0]
-            left = pair_problem(drive.only(block == out), saturation, noise)
-            roots = left.at(left.parameters(part.numbers(x)))[0]
-            errors.append(float((roots**2).mean()))
-        held_out.append(float(np.mean(errors)))
-    best = min((TWIST, WHEELS), key=lambda each: held_out[each])
-    if held_out[best] > (1.0 - GAIN) * held_out[AXES]:
+        starts = [axes] if saturation == AXES else [*_starts(drive, axes, half_track), *numbers[1:]]
+        x, loss = problem.best([problem.parameters(each) for each in starts], 1e-6)
+        numbers.append(problem.numbers(x))
+        losses.append(loss / len(problem.measured))
+    best = min((TWIST, WHEELS), key=lambda each: losses[each])
+    if losses[AXES] - losses[best] < GAIN * max(losses[AXES], 1.0):  # below 1 there is no noise to speak of
         best = AXES
-    return best, numbers[best], (held_out[0], held_out[1], held_out[2])
+    return best, numbers[best], (losses[0], losses[1], losses[2])
 
 
 def fit(drive: Drive, half_track: float = 0.2, delays: Floats = DELAYS) -> Fit:
@@ -473,10 +465,10 @@ def fit(drive: Drive, half_track: float = 0.2, delays: Floats = DELAYS) -> Fit:
     """
     axes = fit_axes(drive, delays)
     if len(commanded(drive)) == 2:
-        saturation, start, held_out = choose_saturation(drive, axes, half_track)
+        saturation, start, losses = choose_saturation(drive, axes, half_track)
     else:
-        saturation, start, held_out = AXES, axes, (1.0, 1.0, 1.0)
-    fitted = _again(Fit(saturation, start, drive, np.ones(2), held_out), drive)
+        saturation, start, losses = AXES, axes, (1.0, 1.0, 1.0)
+    fitted = _again(Fit(saturation, start, drive, np.ones(2), losses), drive)
     fitted = _again(fitted, drive.only(~fitted.wrong))
     other = _again(dataclasses.replace(fitted, throttled=True), earlier(fitted.drive, 0.5, lateness(drive)))
     return other if _loss(other, fitted.noise) < _loss(fitted, fitted.noise) - TELLING else fitted

@@ -5,11 +5,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from wayfield.bridges.identify.estimate import BLOCK, Fit, commanded, refitted
+from wayfield.bridges.identify.estimate import Fit, commanded, refitted
 from wayfield.bridges.identify.response import Drive, Floats, held
 from wayfield.bridges.identify.sheet import predicted, sheet_of
 from wayfield.envs.robots import Robot
 
+BLOCK = 10.0  # s, of each of which a part is held out
 LEAST = 100  # samples of each part of a split drive
 WORSE = 1.1  # times the error of an ideal base, from which on a sheet is none
 NAMES = ("forward speed", "yaw rate")

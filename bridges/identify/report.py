@@ -13,9 +13,9 @@ import matplotlib
 import numpy as np
 
 from wayfield.benchmarks.figures.drawing import PALETTE, PATH_COLOUR, RC, subplots
-from wayfield.bridges.identify.estimate import BLOCK, Estimate, Fit
+from wayfield.bridges.identify.estimate import Estimate, Fit
 from wayfield.bridges.identify.noise import Noise, Rate
-from wayfield.bridges.identify.prediction import Prediction
+from wayfield.bridges.identify.prediction import BLOCK, Prediction
 from wayfield.bridges.identify.recording import Log
 from wayfield.bridges.identify.response import SATURATIONS, Drive, held
 from wayfield.system.storage import write_whole
@@ -214,11 +214,11 @@ def _prediction(findings: Findings) -> str:
             f"<p>RMS on the last {100 - 100 * findings.split:.0f} % of each {BLOCK:g} s. Held out: of a sheet "
             "fitted to the rest.</p>" + _table(("", *(name for _, name, _ in AXES_NAMES)), rows)
         )
-    errors = findings.fit.held_out
+    errors = findings.fit.losses
     compared = [(SATURATION[name], f"{math.sqrt(error):.3f}") for name, error in zip(SATURATIONS, errors, strict=True)]
     return (
         text
-        + "<p>Each saturation, on blocks of 10 s that its fit has not seen:</p>"
+        + "<p>Each saturation, fitted to the whole drive:</p>"
         + _table(("saturation", "RMS, in deviations of the noise of the first"), compared)
     )
 

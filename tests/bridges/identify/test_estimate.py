@@ -129,6 +129,15 @@ def test_a_hidden_base_is_found_within_its_intervals(saturation: int) -> None:
     np.testing.assert_allclose(found.noise, (0.06, 0.15), rtol=0.15)
 
 
+@pytest.mark.parametrize("saturation", [TWIST, WHEELS])
+def test_the_saturation_is_told_where_a_base_drives_spirals(saturation: int) -> None:
+    rng, t = np.random.default_rng(0), np.arange(1200) * 0.05
+    share = t % 20.0 / 20.0
+    commands = np.stack([3.6 - 2.16 * share, np.where(t // 20.0 % 2.0, -8.0, 8.0) * share], axis=1)
+    commands[t % 20.0 < 1.5] = 0.0
+    assert fit(drive_of(rng, commands, saturation, SKID, (0.06, 0.15), 0.6), 0.35).saturation == saturation
+
+
 def test_a_deceleration_of_its_own_is_found_where_there_is_one() -> None:
     rng = np.random.default_rng(4)
     hidden = np.array([0.1, 1.0, 0.7, 1.4, 0.1, 0.1, 1.0, 3.0, 3.0, 0.1, 1.0, 2.5])
