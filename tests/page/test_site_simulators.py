@@ -8,7 +8,7 @@ from urllib.parse import unquote, urlparse
 import pytest
 from pictures import stem_of
 
-from wayfield.envs.tasks.specs import EVERY
+from wayfield.benchmarks.report.worlds import IN_PAGE
 from wayfield.policies import POLICIES
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
@@ -43,7 +43,7 @@ def test_every_page_with_a_simulator_loads_and_asks_for_its_own_files_alone(site
         "gallery",
         "pursuit",
         "teams",
-        *(stem_of(env_id) for spec in EVERY.values() for env_id in spec.ids.values()),
+        *(stem_of(env_id) for spec in IN_PAGE.values() for env_id in spec.ids.values()),
     } <= names
     assert len(names & set(POLICIES)) >= 18
     with sync_playwright() as playwright:

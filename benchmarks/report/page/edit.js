@@ -3,7 +3,7 @@
 const TOOLS = { move: "move", disc: "disc", box: "box", wall: "wall", path: "path" };
 const HINTS = { move: "Drag things; the small squares resize and turn them.", disc: "Click or tap where a disc is to stand; drag for a larger one.", box: "Click or tap where a box is to stand; drag for a larger one.",
   wall: "Click or tap where a wall is to stand, or drag from end to end.", path: "Draw a line in the picture: all controllers follow it when you let go." };
-const AGAIN = { disc: "It drives again. Click or tap for another disc.", path: "They follow your line. Draw another one as you like." };
+const AGAIN = { disc: "Its whole run is driven anew. Click or tap for another disc.", path: "They follow your line. Draw another one as you like." };
 const BY_KEYS = " Arrow keys move the cross (Shift: farther), Enter presses and lets go, Escape ends.";
 const CLICKED = 0.3; // m, from the middle to the edges of what a click puts down
 const SPACING = 0.1; // m between the points of a drawn path
@@ -370,6 +370,7 @@ class Editor {
     this.open(world, "A path that you drew; grey: the 1 m to either side within which a robot is still on it.");
     Object.assign(replay.view, { bounds, zoom, middle, least }); // the line stays where it was drawn
     replay.app.style.setProperty("--tall", tall);
+    for (const point of world.path) replay.view.takeIn(point, 0.3);
     this.ended();
     drive.all();
   }

@@ -40,8 +40,8 @@ class Race {
     if (this.challenges.length) this.lay();
     document.addEventListener("keydown", (event) => {
       const key = event.key.toLowerCase();
-      const act = key === "r" ? () => this.again() : key === "enter" && event.target === this.replay.canvas && this.begin;
-      if (!act || event.ctrlKey || event.metaKey || event.altKey || !this.drive.hand || /INPUT|SELECT/.test(event.target.tagName)) return;
+      const act = key === "r" ? this.drive.hand && (() => this.again()) : key === "enter" && event.target === this.replay.canvas && this.begin;
+      if (!act || event.ctrlKey || event.metaKey || event.altKey || /INPUT|SELECT/.test(event.target.tagName)) return;
       event.preventDefault();
       act();
     });
@@ -77,16 +77,38 @@ class Race {
     this.large.forEach((button, k) => button.setAttribute("aria-pressed", Boolean(modes[k])));
     this.sentence.textContent = hand ? this.asked(run) : this.run ? "Try again, take another challenge, or send a friend your run." : this.opening ? demo.sentence : this.closest() || ABOUT;
     this.number.value = this.now < 0 ? "" : String(this.now);
+    const verdict = editor.stays && editor.tool === "disc" && this.verdict();
+    if (verdict) editor.tell(`${verdict} Click or tap for another disc.`);
     if (editor.stays && this.closest()) editor.tell(`${this.closest()} Draw another line as you like.`);
   }
 
   // What the hand is to do; once nobody else is on the way, how to begin anew.
   asked(run) {
     const { replay } = this;
-    const others = replay.actors.filter((actor) => actor !== run.actor);
-    if (run.tape.length && others.length && others.every((actor) => replay.tells(actor))) return "The others have ended. Drive on, or press “Race it” to start again.";
+    if (run.tape.length && this.late) return "The others have ended. Drive on, or press “Race it” to start again.";
     const turn = coarse() ? `hold “ahead” to drive, ${run.simulator.body.axes.length > 2 ? "“turn left” and “turn right”" : "“left” and “right”"} to turn` : "hold ↑ to drive, ← and → to turn";
-    return `${ASKED[replay.world.kind] || "Drive to the star"}: ${turn}${run.simulator.body.axes.length > 2 ? "; it goes sideways too" : ""}. The clock waits for your first press.`;
+    return `${ASKED[replay.world.kind] || "Drive to the star"}: ${turn}${run.simulator.body.axes.length > 2 ? "; it goes sideways too" : ""}.${run.tape.length ? "" : " The clock waits for your first press."}`;
+  }
+
+  // Whether nobody else is on the way.
+  get late() {
+    const { replay, drive: { hand } } = this;
+    const others = replay.actors.filter((actor) => actor !== hand.actor);
+    return others.length > 0 && others.every(({ outcome, x }) => outcome && replay.step >= x.length - 1);
+  }
+
+  // While the hand drives: what it is told changes once it does, and once the others have ended.
+  watch() {
+    const told = this.asked(this.drive.hand);
+    if (this.sentence && this.sentence.textContent !== told) this.sentence.textContent = told;
+  }
+
+  // How the runs ended among what was put in their way, once all have.
+  verdict() {
+    const { replay, drive: { runs } } = this;
+    if (!runs.length || !runs.every(({ actor }) => replay.tells(actor) && replay.step >= actor.x.length - 1)) return "";
+    if (runs.length > 2) return `${runs.filter(({ actor }) => actor.outcome === "success").length} of ${runs.length} arrived.`;
+    return `${runs.map(({ actor }) => `${actor.label} ${OUTCOMES[actor.outcome]}`).join(", ")}.`;
   }
 
   // Along a path that was drawn: who kept to it best, once all have driven it.
@@ -170,6 +192,7 @@ class Race {
     if (hand) {
       drive.endHand();
       replay.takeOut(hand.actor);
+      replay.fit();
     }
     if (replay.world.path || !replay.world.goal) this.place(this.challenges[0]);
     replay.split(null);
@@ -268,8 +291,8 @@ class Race {
     const place = arrived(run.actor) && settled ? times.filter((each) => each < steps(run.actor)).length : -1; // a tie is the hand's
     const medal = rivals.length && place >= 0 ? MEDALS[place] || "" : "";
     if (place >= 0) this.keep(steps(run.actor) * DT, medal);
-    // the next medal, and gold
-    const wanted = rivals.every(({ outcome }) => outcome) ? [...new Set([Math.min(place < 0 ? 3 : place, rivals.length) - 1, 0])].filter((k) => k >= 0 && k < rivals.length && place !== 0) : [];
+    // the better medals
+    const wanted = rivals.every(({ outcome }) => outcome) ? Array.from({ length: Math.min(place < 0 ? 3 : place, 3, rivals.length) }, (_, k) => k).reverse() : [];
     const better = wanted.map((k) => `${MEDALS[k]} ${times[k] ? `within ${seconds(times[k])}` : "for any finish"}`);
     const order = [...field].sort((a, b) => arrived(b) - arrived(a) || Boolean(a.outcome) - Boolean(b.outcome) || steps(a) - steps(b) || (b === run.actor) - (a === run.actor));
     const shown = order.length > 6 ? order.filter((actor, k) => k < 4 || actor === run.actor) : order;
@@ -281,7 +304,7 @@ class Race {
         el("p", {}, `${["1st", "2nd", "3rd"][place] || `${place + 1}th`} of ${rivals.length + 1}${times.includes(steps(run.actor)) ? ", a tie" : ""}`)]),
       rivals.length ? el("ol", { class: "order" }, rows, shown.length < order.length ? el("li", {}, el("span", {}, `and ${order.length - shown.length} others`), el("span")) : null) : null, friend ? el("p", { class: "needed" }, this.beside(run.actor, friend)) : null, better.length ? el("p", { class: "needed" }, `Needed: ${better.join(", ")}.`) : null,
       el("div", { class: "files" }, this.button(coarse() ? "Try again" : "Try again (R)", () => this.again(), { class: forward ? null : "go" }), next ? this.button("Next challenge", () => this.open(this.nth + 1), { class: forward }) : null,
-        this.button("Copy a link to race this run", async () => this.tell(await drive.share.link())), this.button("close", () => { this.clear(); drive.rest(); this.tellScene(); })), told ? el("p", { class: "note" }, told) : null);
+        this.button("Copy a link to race this run", async () => this.tell(await drive.share.link())), this.button("close", () => { this.clear(); drive.rest(); replay.fit(); this.tellScene(); })), told ? el("p", { class: "note" }, told) : null);
   }
 
   // One's own run beside that of a friend, in a sentence.
@@ -318,5 +341,6 @@ class Race {
     while (run.pending) this.drive.pump(1); // who is looked at goes first
     this.say(this.ended(run, `A friend ${(ENDED[run.actor.outcome] || "drove for").toLowerCase()}`), el("p", {}, "Can you do better?"),
       el("div", { class: "files" }, this.button("Race the ghost", () => this.again(), { class: "go" }), this.button("watch first", () => { this.clear(); this.replay.toggle(true); })));
+    this.begin = () => this.again();
   }
 }

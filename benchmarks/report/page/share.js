@@ -37,7 +37,7 @@ class Share {
       this.restore(held);
       byId("problem").hidden = true;
       this.field.value = "";
-      this.field.blur();
+      this.replay.canvas.focus({ preventScroll: true });
       history.replaceState(null, "", `#${held}`);
       setTimeout(() => window.scrollTo({ top: 0, behavior: "instant" }), 0); // after the browser has shown where the text went
     } catch (error) {
