@@ -93,7 +93,7 @@ class OneLineErrors(click.Command):
 
     def _warned(self, otherwise: Callable[..., None], message: Any, category: Any, *where: Any, **kwargs: Any) -> None:
         """Prints warnings for the user as a line, and others as Python does."""
-        if issubclass(category, UserWarning):
+        if issubclass(category, UserWarning) or str(message).startswith("wayfield "):  # of its compiled code
             line = f"{self.name}: {printable(str(message))}"
             if line not in self._warnings_said:  # a file is read anew by each part of a run
                 self._warnings_said.add(line)

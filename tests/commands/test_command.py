@@ -10,9 +10,11 @@ import subprocess
 import sys
 import time
 import types
+import warnings
 from pathlib import Path
 from typing import Any
 
+import click
 import numpy as np
 import pygame
 import pytest
@@ -27,6 +29,7 @@ from wayfield.benchmarks.figures.one_drive import Place
 from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios import GOAL_SCENARIOS, PATH_SCENARIOS, SPLITS, TASKS
 from wayfield.policies import ABOUT, POLICIES
+from wayfield.system.command_line import OneLineErrors
 from wayfield.system.extras import installs
 
 NOT_THERE = """
@@ -377,3 +380,11 @@ def test_a_signal_that_falls_into_a_destructor_is_not_lost(
             time.sleep(10.0)
     finally:
         signal.signal(number, before)
+
+
+def test_what_is_said_of_compiled_code_is_a_line() -> None:
+    @click.command("evaluate", cls=OneLineErrors)
+    def told() -> None:
+        warnings.warn("wayfield compiles anew in every process", RuntimeWarning, stacklevel=1)
+
+    assert CliRunner().invoke(told).stderr == "evaluate: wayfield compiles anew in every process\n"
