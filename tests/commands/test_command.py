@@ -382,6 +382,7 @@ def test_a_signal_that_falls_into_a_destructor_is_not_lost(
         signal.signal(number, before)
 
 
+@pytest.mark.filterwarnings("default::RuntimeWarning")
 def test_what_is_said_of_compiled_code_is_a_line() -> None:
     @click.command("evaluate", cls=OneLineErrors)
     def told() -> None:
