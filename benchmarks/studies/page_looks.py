@@ -348,7 +348,9 @@ def rollouts(params: Any, beams: Any, ranges: Any, seen: Any, memory: Any, looke
     if p.detour:
         mppi.measure_ways(p, clearances, goal_x, goal_y, slowness, ways)
     mppi.move_on(p, m.plan)
-    mppi.sample(p, m.decisions, m.plan, plans)
+    noise = np.empty((p.samples, p.steps, 3))
+    mppi.draw(p, m.decisions, noise)
+    mppi.sample(p, noise, m.plan, plans)
     for k in range(p.samples):
         costs[k] = mppi.roll_out(p, plans[k], m.command, wheels, goal, clearances, ways)
     best = mppi.weigh(costs, p.temperature, weights)
