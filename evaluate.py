@@ -5,13 +5,14 @@ import signal
 import sys
 
 
-def _interrupted(*_: object) -> None:
+def _interrupted(number: int, _: object) -> None:
     os.write(2, b"evaluate: interrupted; nothing was written\n")
-    os._exit(130)  # half-imported modules may turn an exception into anything
+    os._exit(128 + number)  # half-imported modules may turn an exception into anything
 
 
 if __name__ == "__main__":
-    signal.signal(signal.SIGINT, _interrupted)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, _interrupted)
 
 try:
     from wayfield.benchmarks.commands.evaluate import main
@@ -20,4 +21,5 @@ except ModuleNotFoundError as error:
 
 if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
     main()

@@ -5,13 +5,14 @@ import signal
 import sys
 
 
-def _interrupted(*_: object) -> None:
+def _interrupted(number: int, _: object) -> None:
     os.write(2, b"train: interrupted; nothing was written\n")
-    os._exit(130)  # half-imported modules may turn an exception into anything
+    os._exit(128 + number)  # half-imported modules may turn an exception into anything
 
 
 if __name__ == "__main__":
-    signal.signal(signal.SIGINT, _interrupted)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, _interrupted)
 
 # threads that wait must not spin: beside other work a spinning thread makes an update twenty times slower
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
@@ -23,4 +24,5 @@ except ModuleNotFoundError as error:
 
 if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
     main()
