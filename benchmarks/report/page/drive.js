@@ -533,7 +533,7 @@ class Drive {
         hand.tape.push(this.twistByHand(hand.simulator));
         if (this.tick(hand, hand.simulator, hand.pilot.act(), hand.target)) { this.letGo(); break; }
       }
-      this.race.watch();
+      if (this.drives) this.race.watch();
       replay.view.takeIn([hand.actor.x[hand.actor.x.length - 1], hand.actor.y[hand.actor.y.length - 1]], 2 * HULLS[replay.robot]);
     }
     this.pump(this.looks.on ? 0.5 * FAST : FAST);

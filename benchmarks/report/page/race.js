@@ -77,7 +77,7 @@ class Race {
     this.large.forEach((button, k) => button.setAttribute("aria-pressed", Boolean(modes[k])));
     this.sentence.textContent = hand ? this.asked(run) : this.run ? "Try again, take another challenge, or send a friend your run." : this.opening ? demo.sentence : this.closest() || ABOUT;
     this.number.value = this.now < 0 ? "" : String(this.now);
-    const verdict = editor.stays && editor.tool === "disc" && this.verdict();
+    const verdict = editor.stays && editor.tool === "disc" && world.own && this.verdict();
     if (verdict) editor.tell(`${verdict} Click or tap for another disc.`);
     if (editor.stays && this.closest()) editor.tell(`${this.closest()} Draw another line as you like.`);
   }
