@@ -241,7 +241,7 @@ def sentences(found: Sequence[Panel]) -> list[str]:
                 f"{'and ' if words == before else ''}{place if words == before else words.format(place)} ({numbers})"
             )
             before = words
-        title = panel.title.replace("a fallback", "`reeds_shepp_scan` as its fallback")
+        title = panel.title.replace("PPO with a fallback", "PPO hands over to `reeds_shepp_scan` when stuck")
         verdicts.append(f"- **{title}**: {'; '.join(clauses).replace('; and ', ', and ')}.")
     return verdicts
 

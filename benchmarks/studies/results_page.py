@@ -65,7 +65,7 @@ TASKS: tuple[Task, ...] = (
         ("smooth paths", "paths with corners"),
     ),
     (
-        *("Follow a reference in time", "trajectory-tracking", "trajectory_tracking_p3dx"),
+        *("Track a timed trajectory", "trajectory-tracking", "trajectory_tracking_p3dx"),
         ("references that a base can follow",),
     ),
     (
