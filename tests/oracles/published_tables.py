@@ -319,6 +319,7 @@ _GAINS, _ALONE = "tuned|hand-tuned|paper", "(?:no other has these inputs; )?"
 # Where the advice sends: by the first word of a task, and the kind of scenes.
 _PLACES: Mapping[str, Mapping[str, str]] = {
     "Follow": {"smooth paths": "Follow a smooth path", "paths with corners": "Follow a path with corners"},
+    "Track": {"references that a base can follow": "Track a timed trajectory"},
     "Reach": {kind: f"Reach a goal among {kind}" for kind in ("static obstacles", "moving obstacles")},
     "Dock": {
         "free space": "Dock in free space",
