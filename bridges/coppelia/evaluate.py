@@ -13,7 +13,7 @@ from pathlib import Path
 import click
 
 from wayfield.benchmarks.commands.contest_report import drawing, holding
-from wayfield.benchmarks.commands.evaluate import _ended_by_signals, _print, write_case_tables
+from wayfield.benchmarks.commands.evaluate import _print, write_case_tables
 from wayfield.benchmarks.contests import OF_KIND
 from wayfield.benchmarks.entrants.own_scenario import POLICIES, SUFFIXES, own_cases
 from wayfield.benchmarks.figures.document_figures import draw, stem_of, wanted_figures
@@ -126,7 +126,7 @@ def main(
     stem = stem_of(cases[0].contest)
     command = readable(f"python -m wayfield.bridges.coppelia.evaluate {words_given()}")
     this = Run(COPPELIA, command, tuple(f"{stem}_*.{suffix}" for suffix in ("svg", "png")))
-    with _ended_by_signals(), holding(folder, this), staging(folder, this) as stage:
+    with holding(folder, this), staging(folder, this) as stage:
         try:
             rows, trajectories = driven(cases, actuators, seed, count)
         except (ValueError, RuntimeError, ModuleNotFoundError) as error:
