@@ -185,7 +185,7 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
 
     def _meanwhile(self, ended: NDArray[np.bool_], results: Results, info: dict[str, Any]) -> None:
         """Resets the robots that have ended and fills the info, whose arrays others may still be writing."""
-        again = np.flatnonzero(ended > self.resting)
+        again = np.flatnonzero(ended > self.resting)  # and not
         if len(again):
             self.batch.reset(again, self._generators, results)
         info.update(self._info(results))

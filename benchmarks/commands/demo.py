@@ -34,9 +34,8 @@ TITLE = "wayfield: race robots in your browser"
 AGENTS_THERE = ("team_guided", "team_scan", "people_free", "any_robot")  # of those that are left out elsewhere
 ABSENT = (
     "The robots mir100 and husky are absent: these scenes have no room for their hulls. Jackal drives alone, in scenes "
-    "that are made larger for it. Following a reference that moves in time is absent, and its winners tv_lqr, "
-    "timed_ilqr and timed_mpc with it: that task and its laws are not compiled for the page (timed_mpc also solves its "
-    "problem with OSQP)."
+    "that are made larger for it. Trajectory tracking is absent, and its best controllers tv_lqr, timed_ilqr and "
+    "timed_mpc with it: that task is not compiled for the page (timed_mpc also needs OSQP)."
 )
 # what the page opens on, as a link holds it
 _CALM = {"actuators": "lagged", "disturbance": "none"}
