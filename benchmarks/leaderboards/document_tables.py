@@ -141,9 +141,9 @@ def reproduced(rows: Episodes, cases: Iterable[Case]) -> tuple[str, Table]:
             of_print = _share_met([each for each in here if each.printed]) if prints else "prints none"
             lines.append([document, plant, _share_met(of_equations), median, of_print])
     names = "; ".join(f"{key} = {TITLES[key].partition(': ')[2]}" for key in rows.unique("contest") if key in TITLES)
-    sentence = f"The documents: {names}. {agreement(found)}" if found else f"The documents: {names}; {len(rows)} runs."
-    header = ["document", "plant", "reference met", "median off", "printed met"]
-    return sentence, Table("The three documents", header, lines, "")
+    sentence = f"Reference papers: {names}{f'. {agreement(found)}' if found else f'; {len(rows)} runs.'}"
+    header = ["paper", "plant", "reference met", "median off", "printed met"]
+    return sentence, Table("The three reference papers", header, lines, "")
 
 
 def agreement(found: Sequence[Compared]) -> str:
@@ -153,9 +153,10 @@ def agreement(found: Sequence[Compared]) -> str:
         here = [each for each in found if each.dynamics == plant]
         equations, means = ([each for each in here if each.printed is kind] for kind in (False, True))
         words = f"{_share_met(equations)} reference solutions of their equations"
-        sentences.append(f"{plant}, {words}" + (f" and {_share_met(means)} means that C prints" if means else ""))
+        printed = f" and {_share_met(means)} average values printed in C" if means else ""
+        sentences.append(f"{plant}, {words}{printed}")
     met = f"{'; '.join(sentences)} are met within {100.0 * CLOSE:.0f} %."
-    return f"{met[0].upper()}{met[1:]} A and B print none."
+    return f"{met[0].upper()}{met[1:]} A and B print no values."
 
 
 def _share_met(found: Sequence[Compared]) -> str:

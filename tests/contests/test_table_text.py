@@ -51,5 +51,5 @@ def test_what_a_document_prints_is_counted_apart_from_solutions_of_its_equations
     told = [line[:3] + line[4:] for line in small.rows]
     assert told == [["C", "kinematic", "2 of 2", "3 of 3"], ["C", "pymunk", "0 of 2", "0 of 3"]]
     assert "2 of 2 reference solutions" in sentence
-    assert "0 of 3 means that C prints" in sentence
+    assert "0 of 3 average values printed in C" in sentence
     assert sentence.count("C = ") == 1
