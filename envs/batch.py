@@ -47,11 +47,11 @@ class Results:
 
     def infos(self) -> dict[str, NDArray[Any]]:
         """Returns the info, an array a name: a row a robot."""
-        found: dict[str, NDArray[Any]] = dict(zip(self._task.info_names, self.numbers, strict=False))
-        found.update(zip(self._task.flag_names, self.flags, strict=False))
+        values: dict[str, NDArray[Any]] = dict(zip(self._task.info_names, self.numbers, strict=False))
+        values.update(zip(self._task.flag_names, self.flags, strict=False))
         if self.tells:
-            found.update(zip(constraints.NAMES, (self.constraints, self.violated), strict=True))
-        return found
+            values.update(zip(constraints.NAMES, (self.constraints, self.violated), strict=True))
+        return values
 
     def take(self, rows: NDArray[np.int64], others: "Results") -> None:
         """Writes what others hold of some rows."""
@@ -140,8 +140,8 @@ class Batch:
     def __setstate__(self, state: dict[str, Any]) -> None:
         for name in STATE_ARRAYS:
             getattr(self, name)[...] = state[name]  # in place: the step's arguments are these arrays
-        for array, found in zip(self.own, state["own"], strict=True):
-            array[...] = found
+        for array, content in zip(self.own, state["own"], strict=True):
+            array[...] = content
         self.plant = state["plant"]
 
     def put_back(self, arrays: Mapping[str, NDArray[Any]], own: tuple[NDArray[Any], ...] = ()) -> None:
@@ -239,9 +239,9 @@ class Batch:
     @property
     def known_obstacles(self) -> NDArray[np.void]:
         """Returns the obstacles (rows, max_obstacles) as the scenarios have them; states["field"] is a robot's row."""
-        found = self.obstacles if self.task.shared_obstacles is None else self.task.fields
-        assert found is not None
-        return found
+        obstacles = self.obstacles if self.task.shared_obstacles is None else self.task.fields
+        assert obstacles is not None
+        return obstacles
 
     def reset(
         self,
@@ -322,8 +322,8 @@ class Batch:
         self, rows: NDArray[np.int64], actions: NDArray[np.float64], commands: NDArray[np.float64], results: Results
     ) -> None:
         """Writes the values of the constraints of some rows, whose requests and commands before were these."""
-        found = constraints.evaluate(self._constraints, actions[rows], commands[rows], self.states[rows])
-        results.constraints[rows], results.violated[rows] = found
+        numbers = constraints.evaluate(self._constraints, actions[rows], commands[rows], self.states[rows])
+        results.constraints[rows], results.violated[rows] = numbers
 
     def _shared_out(self, phases: int, results: Results, meanwhile: Callable[[], None] | None = None) -> None:
         """Runs phases of a step, by several threads where there are some."""

@@ -382,12 +382,12 @@ def scanner(p, beams, cells):
 
 def _courses_and_fields(scenarios: tuple[GoalScenario, ...]) -> list[NDArray[Any]]:
     """Returns a copy of what `_laid_out` returns, not shared with another batch."""
-    few = sum(len(each.obstacles) for each in scenarios) <= _MOST_KEPT
-    kept = few and all(each.grid is None for each in scenarios)  # a map is the user's own, and may be large
-    return [each.copy() for each in (_laid_out if kept else _laid_out.__wrapped__)(scenarios)]
+    few = sum(len(each.obstacles) for each in scenarios) <= _MOST_CACHED
+    cached = few and all(each.grid is None for each in scenarios)  # a map is the user's own, and may be large
+    return [each.copy() for each in (_laid_out if cached else _laid_out.__wrapped__)(scenarios)]
 
 
-_MOST_KEPT = 20_000  # obstacles; those of all families are fewer, and take 10 MB
+_MOST_CACHED = 20_000  # obstacles; those of all families are fewer, and take 10 MB
 
 
 # a vector of single environments asks for the same bank once a robot, and every episode of a contest for the same one

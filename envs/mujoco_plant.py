@@ -139,9 +139,9 @@ def standing(robot: Robot, wheels: str | None) -> tuple[NDArray[np.float64], NDA
 
 def _turned(quaternion: NDArray[np.float64], yaw: float) -> NDArray[np.float64]:
     """Returns a rotation with one about the vertical after it."""
-    found = np.empty(4)
-    mujoco.mju_mulQuat(found, np.array([math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)]), quaternion)
-    return found
+    product = np.empty(4)
+    mujoco.mju_mulQuat(product, np.array([math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)]), quaternion)
+    return product
 
 
 def yaw_of(quaternion: NDArray[np.float64]) -> float:
@@ -243,8 +243,8 @@ class World:
         return World, self._made_of, (state, self.pose)
 
     def __setstate__(self, state: tuple[NDArray[np.float64], NDArray[np.float64]]) -> None:
-        kept, self.pose = state
-        mujoco.mj_setState(self.model, self.data, kept, _STATE)
+        physics, self.pose = state
+        mujoco.mj_setState(self.model, self.data, physics, _STATE)
 
 
 class MujocoPlant:
@@ -379,8 +379,8 @@ def picture(
         camera.distance, camera.azimuth, camera.elevation = distance, math.degrees(pose[2]) + 40.0, -25.0
         mujoco.mj_forward(model, data)
         renderer.update_scene(data, camera)
-        found: NDArray[np.uint8] = renderer.render()
-        return found
+        pixels: NDArray[np.uint8] = renderer.render()
+        return pixels
     finally:
         renderer.close()
 

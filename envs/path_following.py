@@ -266,7 +266,7 @@ def reset_rows(reset: Reset, world: World, outputs: Outputs) -> None:
 
 def _courses_and_paths(scenarios: tuple[PathScenario, ...]) -> tuple[NDArray[np.void], PathPool]:
     """Returns the courses of a bank and the pool of its paths, not shared with another batch."""
-    short = sum(len(each.path.points) for each in scenarios) <= _MOST_KEPT
+    short = sum(len(each.path.points) for each in scenarios) <= _MOST_CACHED
     courses, pool = (_laid_out if short else _laid_out.__wrapped__)(scenarios)
     return courses.copy(), PathPool(pool.vertices.copy(), pool.runs.copy())
 
@@ -286,7 +286,7 @@ def _laid_out(scenarios: tuple[PathScenario, ...]) -> tuple[NDArray[np.void], Pa
     return courses, pool
 
 
-_MOST_KEPT = 100_000  # points, 5 MB: longer paths are the user's own, and laid out anew
+_MOST_CACHED = 100_000  # points, 5 MB: longer paths are the user's own, and laid out anew
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -381,12 +381,12 @@ def _occupied_dots(canvas: Canvas, view: View, grid: OccupancyGrid) -> NDArray[n
     width, height = canvas.surface.get_size()
     # looked at more than once a dot, where cells are smaller than that
     times = min(math.ceil(1.0 / (view.scale * _SUPERSAMPLING * grid.resolution)), 8)
-    found = np.zeros((width, height), np.bool_)
+    dots = np.zeros((width, height), np.bool_)
     for i, j in itertools.product(range(times), repeat=2):
         x, y = np.arange(width) + (i + 0.5) / times, np.arange(height) + (j + 0.5) / times
         pixels = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1) / _SUPERSAMPLING
-        found |= grid.is_occupied(view.world_from_pixels(pixels))
-    return found
+        dots |= grid.is_occupied(view.world_from_pixels(pixels))
+    return dots
 
 
 def _mark_goal(canvas: Canvas, at: NDArray[np.float64], heading: float = math.nan) -> None:

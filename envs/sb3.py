@@ -236,14 +236,14 @@ class NativeVecEnv(VecEnv):
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
         """Returns an attribute of each row: its own space or generator, all else of the vector that it is a row of."""
-        found = []
+        values = []
         for k, i in self._each(indices):
             part = self.parts[k]
             value = getattr(part, f"single_{attr_name}" if hasattr(part, f"single_{attr_name}") else attr_name)
             if attr_name in _OWN and not value:
                 raise gymnasium.error.ResetNeeded(f"call reset before {attr_name}")
-            found.append(value[i] if attr_name in _OWN else value)
-        return found
+            values.append(value[i] if attr_name in _OWN else value)
+        return values
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
         """Refuses: robots of a batch have no attributes of their own."""

@@ -345,7 +345,7 @@ def observe_bodies(p, s, robots, crowd, frame, w, i, row, out, column):
         n = first + TRACK_NOISE_COLUMNS * k
         if p.dropout_below > -np.inf and noise[i, row, n + 4] < p.dropout_below:
             continue
-        j = crowd.cells.found[k]
+        j = crowd.cells.nearest[k]
         place = bodies.places[now, w, j]
         hull = bodies.hulls[w, j]
         x, y = to_body_frame(s.x, s.y, sine, cosine, place.x, place.y)
@@ -668,22 +668,22 @@ class Teams(GoalReaching):
                 if not isinstance(each, TeamScenario):
                     raise ValueError(f"scenario[{i}] is {shown(each)}; it must be a TeamScenario")
                 check_team(each, hull_radius)
-            found = tuple(scenario)
+            scenarios = tuple(scenario)
         elif isinstance(scenario, str) and scenario.partition("/")[0] in self._families():
             name = scenario.partition("/")[0]
             spec = next(each for each in CROWDS.values() if name in each.families or name in each.presets)
-            found = field_scenarios(spec, scenario, hull_radius)
+            scenarios = field_scenarios(spec, scenario, hull_radius)
         elif is_recording(scenario):
-            found = recorded(scenario)
-            for each in found:
+            scenarios = recorded(scenario)
+            for each in scenarios:
                 check_team(each, hull_radius)
         else:
             goals = self._goals(scenario, hull_radius)
-            found = tuple(TeamScenario(each.name, (each,), tier=each.tier, family=each.family) for each in goals)
-        if not found:
+            scenarios = tuple(TeamScenario(each.name, (each,), tier=each.tier, family=each.family) for each in goals)
+        if not scenarios:
             raise ValueError("scenario must be a name or at least one TeamScenario, got none")
-        team = self._arguments.team or found[0].team
-        return tuple(each.of(team).walked(self._arguments.visible, self._arguments.people) for each in found)
+        team = self._arguments.team or scenarios[0].team
+        return tuple(each.of(team).walked(self._arguments.visible, self._arguments.people) for each in scenarios)
 
     def _families(self) -> list[str]:
         return [name for spec in CROWDS.values() for name in (*spec.presets, *spec.families)]

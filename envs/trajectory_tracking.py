@@ -424,8 +424,8 @@ class TrajectoryTracking(PathFollowing):
         times, k = self.world.times[state["scenario"]], int(state["steps"])
         if k > times["last"]:
             k = int(times["last"] - times["lap"] + 1 + (k - times["last"] - 1) % times["lap"])
-        found: NDArray[np.void] = self.world.samples[times["first"] + k]
-        return found
+        samples: NDArray[np.void] = self.world.samples[times["first"] + k]
+        return samples
 
     def drawing(self, state: NDArray[np.void]) -> dict[str, Any]:
         """Returns what a frame shows of the task, as fields of `rendering.Scene`."""

@@ -10,7 +10,7 @@ import rich.progress
 import rich.text
 
 from wayfield.system import compile_notices
-from wayfield.system.compiled import is_kept
+from wayfield.system.compiled import is_stored
 
 T = TypeVar("T")
 
@@ -21,7 +21,7 @@ _TYPICAL = 0.1  # of all must be done before their mean time is that of the rest
 
 def tell_of_compiling(kernel: Any) -> bool:
     """Says that a first run compiles, where no code of a kernel is kept yet; returns whether that is so."""
-    compiles = not is_kept(kernel)
+    compiles = not is_stored(kernel)
     if compiles:
         compile_notices.tell_of_compiling("about a minute")
     return compiles

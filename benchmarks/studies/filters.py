@@ -56,7 +56,7 @@ class Guard(NamedTuple):
             ranges = observation.ranges[i]
             there = ranges < (1.0 - 1e-6) * briefing.max_range
             view = View(ranges, ranges[there, None] * directions[there], False)
-            twist = limits.kept_away(limits.within(Twist(v, 0.0, w)), view, 0.0)
+            twist = limits.clear_of_obstacles(limits.within(Twist(v, 0.0, w)), view, 0.0)
             sent = limits.ramped(Twist(*memory["command"][i].tolist()), twist, briefing.dt)
             memory["command"][i] = sent.vx, 0.0, sent.yaw_rate
             twists[i] = sent.vx, sent.yaw_rate

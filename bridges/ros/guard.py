@@ -99,7 +99,7 @@ class Limits:
         turn = math.copysign(min(abs(turn), lasting + self.yaw_acceleration * dt), turn)
         return Twist(vx, vy, turn)
 
-    def kept_away(self, twist: Twist, view: View, age: float) -> Twist:
+    def clear_of_obstacles(self, twist: Twist, view: View, age: float) -> Twist:
         """Returns a twist that comes no nearer to what the scan hits than the base can stop for.
 
         Towards a hit at a distance d from the hull the hull moves at most at sqrt(2 a (d - 0.05)) - a (delay + age).
@@ -533,7 +533,7 @@ class Driver:
         if took > 2.0 * self.scan_period:
             return self._zero()
         age = max(0.0, at - self._scan.stamp - self._scan.offset) + took
-        requested = self.limits.kept_away(self.limits.within(decision.twist), view, age)
+        requested = self.limits.clear_of_obstacles(self.limits.within(decision.twist), view, age)
         self._command = self.limits.ramped(self._command, requested, dt)
         self.mission.sent(self._command)
         return self._command

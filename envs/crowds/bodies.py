@@ -71,7 +71,7 @@ class Cells(NamedTuple):
     cell_of: NDArray[np.int64]  # (m,)
     xs: NDArray[np.float64]  # (m,) in that order
     ys: NDArray[np.float64]
-    found: NDArray[np.int64]  # (NEAREST,) neighbours of one body
+    nearest: NDArray[np.int64]  # (NEAREST,) neighbours of one body
     squares: NDArray[np.float64]  # (NEAREST,) their squared distances, m^2
     met: NDArray[np.void]  # (1, m) OBSTACLE records: bodies as the beams of others meet them
 
@@ -115,10 +115,10 @@ def keep_nearest(places, now, w, cells, count, squared, j):
     """Puts body j where it belongs among the `count` nearest so far, if it does; returns how many there are then."""
     x = places[now, w, j].x
     y = places[now, w, j].y
-    found = cells.found
+    nearest = cells.nearest
     squares = cells.squares
     if count == NEAREST:
-        last = places[now, w, found[NEAREST - 1]]
+        last = places[now, w, nearest[NEAREST - 1]]
         if not comes_before(squared, x, y, squares[NEAREST - 1], last.x, last.y):
             return count
         k = NEAREST - 1
@@ -126,14 +126,14 @@ def keep_nearest(places, now, w, cells, count, squared, j):
         k = count
         count += 1
     while k > 0:
-        other = places[now, w, found[k - 1]]
+        other = places[now, w, nearest[k - 1]]
         if not comes_before(squared, x, y, squares[k - 1], other.x, other.y):
             break
         squares[k] = squares[k - 1]
-        found[k] = found[k - 1]
+        nearest[k] = nearest[k - 1]
         k -= 1
     squares[k] = squared
-    found[k] = j
+    nearest[k] = j
     return count
 
 
@@ -273,7 +273,7 @@ def note_neighbours(bodies, now, w, reach, nothing, cells, frame):
         if bodies.places[now, w, i].present == 1:
             count = find_nearest(bodies, now, w, i, reach, nothing, cells, frame)
             for k in range(count):
-                bodies.near[w, i, k] = cells.found[k]
+                bodies.near[w, i, k] = cells.nearest[k]
             bodies.counts[w, i] = count
 
 

@@ -171,7 +171,7 @@ def least_violation(lines, count, hard, limit, failed, vx, vy, scratch):
             scratch[i, 0] = lines[i, 0]
             scratch[i, 1] = lines[i, 1]
             scratch[i, 2] = lines[i, 2]
-        kept = hard
+        rows = hard
         for i in range(hard, j):
             nx = lines[i, 0] - lines[j, 0]
             ny = lines[i, 1] - lines[j, 1]
@@ -179,12 +179,12 @@ def least_violation(lines, count, hard, limit, failed, vx, vy, scratch):
             # lines with one direction: the farther one has the greater violation everywhere
             if size < 1e-9:
                 continue
-            scratch[kept, 0] = nx / size
-            scratch[kept, 1] = ny / size
-            scratch[kept, 2] = (lines[i, 2] - lines[j, 2]) / size
-            kept += 1
-        to_vx, to_vy, unkept = farthest_velocity(scratch, kept, limit, lines[j, 0], lines[j, 1])
-        if unkept == kept:
+            scratch[rows, 0] = nx / size
+            scratch[rows, 1] = ny / size
+            scratch[rows, 2] = (lines[i, 2] - lines[j, 2]) / size
+            rows += 1
+        to_vx, to_vy, failing = farthest_velocity(scratch, rows, limit, lines[j, 0], lines[j, 1])
+        if failing == rows:
             vx = to_vx
             vy = to_vy
         worst = max(worst, lines[j, 2] - lines[j, 0] * vx - lines[j, 1] * vy)

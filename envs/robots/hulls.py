@@ -103,8 +103,8 @@ def nearer_rectangle(p, obstacles, i, first, last, pose, nearest):
         )
         if reach > 0.0 and dx * dx + dy * dy >= reach * reach:
             continue
-        found = rectangle_distance(obstacle, x, y, cosine, sine, 0.5 * p.hull_length, 0.5 * p.hull_width)
-        nearest = min(nearest, found)
+        distance = rectangle_distance(obstacle, x, y, cosine, sine, 0.5 * p.hull_length, 0.5 * p.hull_width)
+        nearest = min(nearest, distance)
     return nearest
 
 

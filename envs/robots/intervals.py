@@ -97,12 +97,12 @@ def drawn(robot: "Robot", generator: np.random.Generator) -> "Robot":
         interval = robot.sources.get(name)
         if not isinstance(interval, Interval):
             continue
-        found = []
+        numbers = []
         for value, low, high in interval.components:
             z = normal.inv_cdf(1.0 - quantile + _SHARE * generator.random()) / widest
             end = high if z > 0.0 else low
-            found.append(value if end is None else value + abs(z) * (end - value))
-        changes[name] = tuple(found) if isinstance(interval.value, tuple) else found[0]
+            numbers.append(value if end is None else value + abs(z) * (end - value))
+        changes[name] = tuple(numbers) if isinstance(interval.value, tuple) else numbers[0]
     track = changes.pop("wheels.effective_track", None)
     if track is not None:
         right, left = robot.wheels

@@ -116,16 +116,16 @@ def lag_factors(lag: float, dt: float) -> tuple[float, float]:
 
 def delay_periods(response: Response | None, dt: float) -> list[tuple[int, float]]:
     """Returns the delay of each axis in whole control periods and the rest, s; in steps, to the nearest period."""
-    found = []
+    periods_and_rests = []
     for delay in response.delays if response else (0.0, 0.0, 0.0):
         nearest = round(delay / dt)
         stepped = response is None or not response.continuous
         if stepped or abs(delay - nearest * dt) < 1e-9:
-            found.append((nearest, 0.0))
+            periods_and_rests.append((nearest, 0.0))
         else:
             periods = math.floor(delay / dt)
-            found.append((periods, delay - periods * dt))
-    return found
+            periods_and_rests.append((periods, delay - periods * dt))
+    return periods_and_rests
 
 
 def num_requests(response: Response | None, dt: float) -> int:
@@ -140,8 +140,8 @@ def motor_numbers(robot: Robot, actuators: Actuators, dt: float) -> dict[str, An
 
     dt: s, the control period.
     """
-    found = actuators.response
-    delays = delay_periods(found, dt)
+    response = actuators.response
+    delays = delay_periods(response, dt)
     return {
         "dt": dt,
         "num_wheels": len(robot.wheel_matrix),
@@ -152,15 +152,15 @@ def motor_numbers(robot: Robot, actuators: Actuators, dt: float) -> dict[str, An
         "turning_radius": robot.turning_radius,
         "acceleration": actuators.acceleration,
         "yaw_acceleration": actuators.yaw_acceleration,
-        "responds": found is not None,
-        "continuous": found is not None and found.continuous,
-        "wheel_saturation": found is not None and found.wheel_saturation,
+        "responds": response is not None,
+        "continuous": response is not None and response.continuous,
+        "wheel_saturation": response is not None and response.wheel_saturation,
         "delay_periods": [periods for periods, _ in delays],
         "delay_rest": [rest for _, rest in delays],
-        "gains": found.gains if found else (1.0, 1.0, 1.0),
-        "lags": found.lags if found else (actuators.lag,) * 3,
-        "deceleration": found.deceleration if found else actuators.acceleration,
-        "yaw_deceleration": found.yaw_deceleration if found else actuators.yaw_acceleration,
+        "gains": response.gains if response else (1.0, 1.0, 1.0),
+        "lags": response.lags if response else (actuators.lag,) * 3,
+        "deceleration": response.deceleration if response else actuators.acceleration,
+        "yaw_deceleration": response.yaw_deceleration if response else actuators.yaw_acceleration,
     }
 
 

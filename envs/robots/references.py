@@ -120,7 +120,7 @@ def quintic(z, h, knots, i, j):
 def evaluate(knots, at):
     """Returns the values and three derivatives (columns, 4, m) at arguments (m,) of knots (n, 1 + 3 columns)."""
     columns = (knots.shape[1] - 1) // 3
-    found = np.zeros((columns, 4, at.shape[0]))
+    values = np.zeros((columns, 4, at.shape[0]))
     last = knots.shape[0] - 2
     for k in range(at.shape[0]):
         i = 0
@@ -129,11 +129,11 @@ def evaluate(knots, at):
         h = knots[i + 1, 0] - knots[i, 0]
         for c in range(columns):
             value, d, dd, ddd = quintic((at[k] - knots[i, 0]) / h, h, knots, i, 1 + 3 * c)
-            found[c, 0, k] = value
-            found[c, 1, k] = d
-            found[c, 2, k] = dd
-            found[c, 3, k] = ddd
-    return found
+            values[c, 0, k] = value
+            values[c, 1, k] = d
+            values[c, 2, k] = dd
+            values[c, 3, k] = ddd
+    return values
 
 
 @compiled
@@ -193,7 +193,7 @@ def shares(samples, bases, holonomic, worst, where):
     matrix = base.wheel_matrix
     worst[:] = 0.0
     where[:] = 0
-    found = np.zeros(6)
+    most = np.zeros(6)
     last_x = 0.0
     last_y = 0.0
     last_w = 0.0
@@ -202,23 +202,23 @@ def shares(samples, bases, holonomic, worst, where):
         x = s.vx + base.lag * s.vx_rate
         y = (s.vy + base.lag * s.vy_rate) if holonomic else 0.0
         w = s.yaw_rate + base.lag * s.yaw_acceleration
-        found[:] = 0.0
+        most[:] = 0.0
         for j in range(base.num_wheels):
             spin = abs(matrix[j, 0] * x + matrix[j, 1] * y + matrix[j, 2] * w)
-            found[0] = max(found[0], spin / base.wheel_speed_limit)
-        found[1] = abs(w) / base.turn_speed
+            most[0] = max(most[0], spin / base.wheel_speed_limit)
+        most[1] = abs(w) / base.turn_speed
         if k > 0:
             dx = x - last_x
             dy = y - last_y
-            found[2] = math.sqrt(dx * dx + dy * dy) / (base.acceleration * base.dt)
-            found[3] = abs(w - last_w) / (base.yaw_acceleration * base.dt)
+            most[2] = math.sqrt(dx * dx + dy * dy) / (base.acceleration * base.dt)
+            most[3] = abs(w - last_w) / (base.yaw_acceleration * base.dt)
         if base.turning_radius > 0.0 and abs(s.yaw_rate) > 1e-6:
-            found[4] = base.turning_radius * abs(s.yaw_rate) / max(abs(s.vx), 1e-9) * (1.0 - 1e-6)
+            most[4] = base.turning_radius * abs(s.yaw_rate) / max(abs(s.vx), 1e-9) * (1.0 - 1e-6)
         if not holonomic:
-            found[5] = abs(s.vy) / SIDEWAYS
+            most[5] = abs(s.vy) / SIDEWAYS
         for j in range(6):
-            if found[j] > worst[j]:
-                worst[j] = found[j]
+            if most[j] > worst[j]:
+                worst[j] = most[j]
                 where[j] = k
         last_x = x
         last_y = y
@@ -315,7 +315,7 @@ def spline(points, times):
     The conditions are a block tridiagonal system, eliminated block by block (Thomas).
     """
     n, columns = points.shape
-    found = np.zeros((n, 2, columns))
+    coefficients = np.zeros((n, 2, columns))
     upper = np.zeros((n, 2, 2))
     right = np.zeros((n, 2, columns))
     for i in range(n):
@@ -369,11 +369,11 @@ def spline(points, times):
     for i in range(n - 1, -1, -1):
         for a in range(2):
             for c in range(columns):
-                found[i, a, c] = right[i, a, c]
+                coefficients[i, a, c] = right[i, a, c]
                 if i < n - 1:
                     for b in range(2):
-                        found[i, a, c] -= upper[i, a, b] * found[i + 1, b, c]
-    return found
+                        coefficients[i, a, c] -= upper[i, a, b] * coefficients[i + 1, b, c]
+    return coefficients
 
 
 def splined(points: Array, at: Array) -> Array:
@@ -400,8 +400,8 @@ def unwind(headings):
 @allocating
 def tangents(first):
     """Returns the directions (n,) of vectors (n, 2), without jumps."""
-    found = np.zeros(first.shape[0])
+    bearings = np.zeros(first.shape[0])
     for i in range(first.shape[0]):
-        found[i] = bearing(first[i, 1], first[i, 0])
-    unwind(found)
-    return found
+        bearings[i] = bearing(first[i, 1], first[i, 0])
+    unwind(bearings)
+    return bearings

@@ -68,10 +68,10 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,39}")
 def _number(field: str, value: Any, kind: str = "") -> float:
     """Returns a number of a data sheet as a float; ValueError with its range and unit if it is none of that kind."""
     least, most, unit = _RANGES[kind or field]
-    found = real(value)
-    if not least <= found <= most:
+    number = real(value)
+    if not least <= number <= most:
         raise ValueError(f"{field} is {shown(value)}; it must be a number from {least:g} to {most:g} {unit}")
-    return found
+    return number
 
 
 SATURATIONS = ("twist", "wheels")
@@ -433,9 +433,9 @@ class Robot:
         """
         columns = self.wheel_matrix[:, self.twist_axes]
         columns[:, -1] += self.turning_radius * columns[:, 0]  # it drives while it turns
-        found = np.asarray(self.rated_wheel_speed / np.abs(columns).max(axis=0))
-        found[-1] = min(found[-1], self.turn_speed)
-        return found
+        speeds = np.asarray(self.rated_wheel_speed / np.abs(columns).max(axis=0))
+        speeds[-1] = min(speeds[-1], self.turn_speed)
+        return speeds
 
     def actuators(self, tier: str) -> Actuators:
         """Returns the robot's actuators in a named tier: what `ACTUATORS` says, scaled by what the data sheet does.
@@ -566,12 +566,12 @@ def read_robot(file: str) -> Robot:
             unit, or if it bears the name of a robot that ships and is another.
         OSError: if it cannot be opened, FileNotFoundError if there is none.
     """
-    found = _robot_of(file)
-    shipped = ROBOTS.get(found.name)
+    robot = _robot_of(file)
+    shipped = ROBOTS.get(robot.name)
     if shipped is None:
-        return found
-    if found != shipped:
-        raise fault(file, f"name is {found.name!r}, which ships and has other numbers; give this robot another name")
+        return robot
+    if robot != shipped:
+        raise fault(file, f"name is {robot.name!r}, which ships and has other numbers; give this robot another name")
     return shipped
 
 
@@ -612,19 +612,19 @@ def _sources(file: str, value: Any) -> dict[str, str | Interval]:
     """Returns where fields come from: texts, and intervals of what was identified."""
     if not isinstance(value, dict):
         raise fault(file, f"sources is {shown(value)}; it must map fields to texts or intervals")
-    found: dict[str, str | Interval] = {}
+    sources: dict[str, str | Interval] = {}
     for name, source in value.items():
         if isinstance(source, dict):
             place = f"sources.{printable(name)}"
             if name not in IDENTIFIED:
                 raise fault(file, f"{place} is an interval; fields that have one are {', '.join(IDENTIFIED)}")
             _object(file, place, source, _INTERVAL, _INTERVAL[:4])
-            found[name] = Interval(place, *(source.get(key, "") for key in _INTERVAL))
+            sources[name] = Interval(place, *(source.get(key, "") for key in _INTERVAL))
         elif isinstance(source, str):
-            found[name] = source
+            sources[name] = source
         else:
             raise fault(file, f"sources is {shown(value)}; it must map fields to texts or intervals")
-    return found
+    return sources
 
 
 def _check_intervals(robot: Robot) -> None:
@@ -699,8 +699,8 @@ _FIRST = ("p3dx", "omni3", "omni4")
 def _shipped() -> dict[str, Robot]:
     """Returns the robots of the data sheets that ship, by name."""
     folder = Path(str(resources.files("wayfield.envs.robots"))) / "data_sheets"
-    found = {robot.name: robot for robot in (_robot_of(str(file)) for file in sorted(folder.glob("*.json")))}
-    return {name: found[name] for name in dict.fromkeys((*_FIRST, *found))}
+    robots = {robot.name: robot for robot in (_robot_of(str(file)) for file in sorted(folder.glob("*.json")))}
+    return {name: robots[name] for name in dict.fromkeys((*_FIRST, *robots))}
 
 
 ROBOTS: dict[str, Robot] = _shipped()
@@ -738,15 +738,15 @@ def offered(robot: AnyRobot | None, names: tuple[str, ...]) -> Robot:
     Raises:
         ValueError, OSError: as `robot_of`, or if the robot has another kind of drive than the environment's.
     """
-    found = _chosen(names[0] if robot is None else robot, "robot", names)
+    choice = _chosen(names[0] if robot is None else robot, "robot", names)
     holonomic = ROBOTS[names[0]].holonomic
-    if found.holonomic != holonomic:
+    if choice.holonomic != holonomic:
         wanted = "omni or mecanum" if holonomic else "differential"
         raise ValueError(
-            f"robot {found.name!r} has the drive {found.drive}; this environment needs {wanted}, such as "
+            f"robot {choice.name!r} has the drive {choice.drive}; this environment needs {wanted}, such as "
             f"{', '.join(map(repr, names))}"
         )
-    return found
+    return choice
 
 
 def _chosen(robot: AnyRobot, field: str, names: tuple[str, ...]) -> Robot:

@@ -42,10 +42,10 @@ class RobotChoice(click.ParamType):  # type: ignore[type-arg]
         """Returns the robot, or fails."""
         del param, ctx
         try:
-            found = robot_of(value, self.field)
-            if doubt := unlikely(found):
+            robot = robot_of(value, self.field)
+            if doubt := unlikely(robot):
                 click.echo(f"{self.field} {value}: {doubt}", err=True)
-            return found
+            return robot
         except OSError as error:
             raise click.UsageError(f"{self.field} {value!r} cannot be read: {unread(value, error)}") from None
         except ValueError as error:

@@ -259,8 +259,8 @@ def scan_ranges(lidar, obstacles, field, count, blocks, pose, ranges, i, column)
         # guesses wrong should not have to wait for an angle to find out.
         seen = find_spans(lidar.max_range, lidar.scratch, obstacles, field, first, last, (x, y, s, c))
         for j in range(seen):
-            found = np.uint64(lidar.scratch[np.uint64(_SEEN + j)])
-            shorten(lidar, obstacles[field, np.uint64(first) + found], found, (s, c), ranges, i, place)
+            index = np.uint64(lidar.scratch[np.uint64(_SEEN + j)])
+            shorten(lidar, obstacles[field, np.uint64(first) + index], index, (s, c), ranges, i, place)
         first = last
 
 
@@ -275,8 +275,8 @@ def shorten_to(lidar, shapes, count, pose, ranges, i, column):
         last = min(first + TOGETHER, count)
         seen = find_spans(lidar.max_range, lidar.scratch, shapes, 0, first, last, (x, y, s, c))
         for j in range(seen):
-            found = np.uint64(lidar.scratch[np.uint64(_SEEN + j)])
-            shorten(lidar, shapes[0, np.uint64(first) + found], found, (s, c), ranges, i, place)
+            index = np.uint64(lidar.scratch[np.uint64(_SEEN + j)])
+            shorten(lidar, shapes[0, np.uint64(first) + index], index, (s, c), ranges, i, place)
         first = last
 
 

@@ -48,14 +48,14 @@ class Symbolic:
     """
 
     def __init__(self, robot: AnyRobot, actuators: str | Actuators = "ideal", dt: float = 0.05) -> None:
-        found = robot_of(robot)
+        sheet = robot_of(robot)
         number("dt", dt, above=0.0)
         if not isinstance(actuators, Actuators):
             choose("actuators", actuators, ACTUATORS)
-            actuators = found.actuators(actuators)
+            actuators = sheet.actuators(actuators)
         decay, mean = lag_factors(actuators.lag, dt)
         constants = {"twist_action": True, "distorted": False, "lag_decay": decay, "lag_mean": mean}
-        self._lay_out(found, motor_numbers(found, actuators, dt) | constants)
+        self._lay_out(sheet, motor_numbers(sheet, actuators, dt) | constants)
 
     @classmethod
     def of(cls, env: Any, *, true: bool = False) -> "Symbolic":

@@ -105,22 +105,22 @@ def field_scenarios(spec: TaskSpec, name: Any, hull_radius: float) -> tuple[Any,
         return _fitted(frozen, most - hull_radius)
     if not _means_file(name):
         raise _unknown(spec, name)
-    found = _from_file(spec, os.fspath(name))
-    kept, problems = [], []
-    for scenario in found:
+    cases = _from_file(spec, os.fspath(name))
+    fitting, problems = [], []
+    for scenario in cases:
         try:
             check_clear(scenario, hull_radius)
-            kept.append(scenario)
+            fitting.append(scenario)
         except ValueError as error:
             problems.append(f"{name}: {error}")
     # of the many cases of a public benchmark one may be none for this hull
-    if problems and not (kept and os.path.isdir(name) and is_mrpb(name)):
+    if problems and not (fitting and os.path.isdir(name) and is_mrpb(name)):
         raise ValueError(problems[0])
     for problem in problems:
         warnings.warn(
-            f"{problem}; it is left out, {len(kept)} of {len(found)} cases are driven", FileNote, stacklevel=2
+            f"{problem}; it is left out, {len(fitting)} of {len(cases)} cases are driven", FileNote, stacklevel=2
         )
-    return tuple(kept)
+    return tuple(fitting)
 
 
 def _own(spec: TaskSpec, given: Any) -> tuple[Any, ...] | None:

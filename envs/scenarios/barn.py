@@ -73,7 +73,7 @@ def barn_scenarios(folder: str | os.PathLike[str]) -> tuple[GoalScenario, ...]:
 def _scenarios(folder: str, states: tuple[tuple[str, int, int, int, int], ...]) -> tuple[GoalScenario, ...]:
     """Returns the scenarios of a folder whose files are in these states."""
     files = [Path(name) for name, *_ in states]
-    paths = {int(found[1]): file for file in files if (found := _PATH.fullmatch(file.name))}
+    paths = {int(match[1]): file for file in files if (match := _PATH.fullmatch(file.name))}
     obstacles: dict[int, list[np.void]] = {}
     sources: dict[int, Path] = {}
     for file in files:
@@ -81,8 +81,8 @@ def _scenarios(folder: str, states: tuple[tuple[str, int, int, int, int], ...]) 
             obstacles |= read_cylinders(file)
             sources = dict.fromkeys(obstacles, file)
     for file in files:
-        if found := _WORLD.fullmatch(file.name):
-            obstacles[int(found[1])], sources[int(found[1])] = read_world(file), file
+        if match := _WORLD.fullmatch(file.name):
+            obstacles[int(match[1])], sources[int(match[1])] = read_world(file), file
     if not obstacles:
         raise ValueError(
             f"{folder}: holds no worlds of the BARN challenge: no world_N.world and no {CYLINDERS}; people are .txt"
@@ -130,14 +130,14 @@ def _files(folder: Path) -> Iterator[Path]:
 
 def _listed(folder: Path, pattern: re.Pattern[str]) -> dict[int, Path]:
     """Returns the files of a name with a number, by the number; ValueError where two have the same."""
-    found: dict[int, Path] = {}
+    files: dict[int, Path] = {}
     for file in _files(folder):
         if match := pattern.fullmatch(file.name):
             number = int(match[1])
-            if number in found:
-                raise ValueError(f"{folder}: holds {found[number]} and {file}; it must hold one of each number")
-            found[number] = file
-    return found
+            if number in files:
+                raise ValueError(f"{folder}: holds {files[number]} and {file}; it must hold one of each number")
+            files[number] = file
+    return files
 
 
 def _sample_table(folder: Path) -> None:
@@ -159,7 +159,7 @@ def read_cylinders(file: Path) -> dict[int, list[np.void]]:
         ValueError: if the file is no such table; the message names the line.
         OSError: if it cannot be opened.
     """
-    found: dict[int, list[np.void]] = {}
+    worlds: dict[int, list[np.void]] = {}
     place = 0  # the last line that was read whole
     check_ordinary(file, f"{file}:1:")
     try:
@@ -177,16 +177,16 @@ def read_cylinders(file: Path) -> dict[int, list[np.void]]:
                         f"{file}:{place}: {shown(row)} lacks a number world, x_m, y_m or radius_m"
                     ) from None
                 try:
-                    found.setdefault(world, []).append(circle(**numbers))
+                    worlds.setdefault(world, []).append(circle(**numbers))
                 except ValueError as error:
                     raise ValueError(f"{file}:{place}: {error}") from None
     except csv.Error as error:
         raise ValueError(f"{file}:{place + 1}: {error}") from None
     except (gzip.BadGzipFile, zlib.error, EOFError, UnicodeDecodeError) as error:
         raise ValueError(f"{file}:{place + 1}: it is no gzipped table: {error}") from None
-    if not found:
+    if not worlds:
         raise ValueError(f"{file}: holds no cylinders")
-    return found
+    return worlds
 
 
 _SAMPLE_WORLD = """<sdf version='1.6'><world name='default'>
@@ -238,16 +238,16 @@ def read_world(file: Path) -> list[np.void]:
     worlds = list(root.named("world")) if root.name == "sdf" else []
     if len(worlds) != 1:
         raise ValueError(f"{file}:{root.line}: holds {len(worlds)} elements sdf/world; it must hold one")
-    found: list[np.void] = []
+    obstacles: list[np.void] = []
     for line, solid in _solids(file, (worlds[0],)):
-        found.append(solid)
-        if len(found) > MOST_OBSTACLES:
+        obstacles.append(solid)
+        if len(obstacles) > MOST_OBSTACLES:
             raise ValueError(
-                f"{file}:{line}: is obstacle {len(found)}; there must be at most {MOST_OBSTACLES} in a world"
+                f"{file}:{line}: is obstacle {len(obstacles)}; there must be at most {MOST_OBSTACLES} in a world"
             )
-    if not found:
+    if not obstacles:
         raise ValueError(f"{file}:{worlds[0].line}: the world holds no obstacles, no collision/geometry/cylinder")
-    return found
+    return obstacles
 
 
 def _solids(file: Path, within: tuple[_Element, ...]) -> Iterator[tuple[int, np.void]]:
@@ -346,15 +346,15 @@ def _solid(file: Path, shape: _Element, place: tuple[float, float, float]) -> np
 def _numbers(file: Path, element: _Element, count: int, meaning: str) -> list[float]:
     """Returns the numbers in the text of an element."""
     try:
-        found = [float(word) for word in element.text.split()]
+        numbers = [float(word) for word in element.text.split()]
     except ValueError:
-        found = []
-    if len(found) != count or not all(abs(each) <= FARTHEST for each in found):
+        numbers = []
+    if len(numbers) != count or not all(abs(each) <= FARTHEST for each in numbers):
         raise ValueError(
             f"{file}:{element.line}: {element.name} is {shown(element.text.strip())}; it must be {count} finite "
             f"number{'s' * (count > 1)} ({meaning}), at most {FARTHEST:g} in size"
         )
-    return found
+    return numbers
 
 
 def _read_beside(read: Callable[..., Any], file: Path) -> Any:
@@ -370,12 +370,12 @@ def read_path(file: Path) -> NDArray[np.float64]:
         OSError: if it cannot be opened.
     """
     try:
-        found = stored_array(str(file))
-        if found.dtype.kind not in "iuf":
-            raise ValueError(f"dtype is {shown(str(found.dtype))}; it must be numbers")
-        if found.ndim != 2 or found.shape[1] != 2 or not 1 <= len(found) <= MOST_POINTS:
-            raise ValueError(f"shape is {found.shape}; it must be (n, 2), rows and columns of 1 to {MOST_POINTS} cells")
-        cells = np.asarray(found, np.float64)
+        array = stored_array(str(file))
+        if array.dtype.kind not in "iuf":
+            raise ValueError(f"dtype is {shown(str(array.dtype))}; it must be numbers")
+        if array.ndim != 2 or array.shape[1] != 2 or not 1 <= len(array) <= MOST_POINTS:
+            raise ValueError(f"shape is {array.shape}; it must be (n, 2), rows and columns of 1 to {MOST_POINTS} cells")
+        cells = np.asarray(array, np.float64)
     except ValueError as error:
         raise fault(str(file), f"is no path: {error}") from None
     bad = np.flatnonzero(~(np.abs(cells) <= FARTHEST).all(axis=1))

@@ -187,8 +187,8 @@ def _note_degrees(file: str, fields: Mapping[str, Any], *names: str) -> None:
     for name in dict.fromkeys(names):
         value = fields.get(name)
         if isinstance(value, list) and len(value) == 3 and abs(real(value[2])) > WHOLE_TURN:
-            told = f"{file}: {name}[2] is {value[2]:g} rad, more than a turn; degrees must be multiplied by pi / 180"
-            warnings.warn(told, FileNote, stacklevel=3)
+            note = f"{file}: {name}[2] is {value[2]:g} rad, more than a turn; degrees must be multiplied by pi / 180"
+            warnings.warn(note, FileNote, stacklevel=3)
 
 
 def _pose_of(file: str, field: str, value: Any) -> tuple[float, float, float]:
@@ -219,10 +219,10 @@ def _listed_path(file: str, points: Any, closed: bool | None, scale: float) -> P
     for i, (x, y) in enumerate(pairs):
         if max(abs(x), abs(y)) * scale > FARTHEST:
             raise ValueError(f"path[{i}] is {(x, y)}; it must lie within {FARTHEST:g} m of the origin")
-    found, closed, said = closing(np.reshape([(x * scale, y * scale) for x, y in pairs], (-1, 2)), closed)
+    corners, closed, said = closing(np.reshape([(x * scale, y * scale) for x, y in pairs], (-1, 2)), closed)
     if said:
         warnings.warn(f"{file}: path {said}", FileNote, stacklevel=2)
-    return Path(found, closed)
+    return Path(corners, closed)
 
 
 def _obstacle(file: str, place: str, value: Any) -> np.void:

@@ -152,8 +152,8 @@ def _picture(file: str, name: Any) -> str:
         with contextlib.suppress(ValueError):
             if os.path.exists(named := file_beside(each, "image", name)):
                 return named
-        if os.path.exists(found := os.path.join(os.path.dirname(each), os.path.basename(beside))):
-            return found
+        if os.path.exists(picture := os.path.join(os.path.dirname(each), os.path.basename(beside))):
+            return picture
     return beside
 
 
@@ -172,10 +172,10 @@ def map_of(file: str, field: str, value: Any) -> OccupancyGrid:
 
 def map_files(file: str, value: Any) -> list[str]:
     """Returns the files that a scenario's map consists of: the map, and the image of a ROS map."""
-    found = [file_beside(file, "map.file", value.get("file") if isinstance(value, dict) else value)]
-    if found[0].lower().endswith((".yaml", ".yml")):
-        found.append(_picture(found[0], _ros_fields(found[0])["image"]))
-    return found
+    files = [file_beside(file, "map.file", value.get("file") if isinstance(value, dict) else value)]
+    if files[0].lower().endswith((".yaml", ".yml")):
+        files.append(_picture(files[0], _ros_fields(files[0])["image"]))
+    return files
 
 
 @dataclasses.dataclass(frozen=True)
@@ -215,16 +215,16 @@ def problems_of(file: str) -> tuple[Problem, ...]:
         raise ValueError(f"{file}:1: is {shown(lines[0] if lines else '')}; it must be 'version 1'")
     if len(lines) > MOST_OBSTACLES:
         raise ValueError(f"{file}:{MOST_OBSTACLES}: the problems go on; there must be at most {MOST_OBSTACLES}")
-    found = []
+    problems = []
     for i, line in enumerate(lines[1:], 2):
         if line.strip():
             try:
-                found.append(_problem(file, line))
+                problems.append(_problem(file, line))
             except ValueError as error:
                 raise ValueError(f"{file}:{i}: {error}") from None
-    if not found:
+    if not problems:
         raise ValueError(f"{file}:{len(lines)}: holds no problem")
-    return tuple(found)
+    return tuple(problems)
 
 
 def scenarios_of_problems(file: str, resolution: float = MOVINGAI_CELL) -> tuple[GoalScenario, ...]:
@@ -239,7 +239,7 @@ def scenarios_of_problems(file: str, resolution: float = MOVINGAI_CELL) -> tuple
     """
     grids: dict[str, OccupancyGrid] = {}
     stem = os.path.basename(file)
-    found = []
+    scenarios = []
     for k, problem in enumerate(problems_of(file)):
         if problem.map not in grids:
             grids[problem.map] = grid_from_file(problem.map, resolution=resolution)
@@ -252,8 +252,8 @@ def scenarios_of_problems(file: str, resolution: float = MOVINGAI_CELL) -> tuple
         length = problem.length * resolution or math.nan  # a robot that is there has no way
         if length > FARTHEST:
             raise fault(file, f"problem {k} has the optimal length {length:g} m; it must be at most {FARTHEST:g}")
-        found.append(problem.scenario(f"{stem} {k}", grids[problem.map], published_length=length))
-    return tuple(found)
+        scenarios.append(problem.scenario(f"{stem} {k}", grids[problem.map], published_length=length))
+    return tuple(scenarios)
 
 
 def _problem(file: str, line: str) -> Problem:
@@ -271,8 +271,8 @@ def _problem(file: str, line: str) -> Problem:
     for axis, side in (("x", "width"), ("y", "height")):
         for end in ("start", "goal"):
             if whole[f"{end} {axis}"] >= whole[side]:
-                found = whole[f"{end} {axis}"]
-                raise ValueError(f"{end} {axis} is {found}; it must be below the {side}, {whole[side]}")
+                cell = whole[f"{end} {axis}"]
+                raise ValueError(f"{end} {axis} is {cell}; it must be below the {side}, {whole[side]}")
     length = number("optimal length", _number(fields[8].strip()), least=0.0, most=math.inf)
     straight = math.hypot(whole["goal x"] - whole["start x"], whole["goal y"] - whole["start y"])
     if 0.0 < length < straight - ROUNDED * (1.0 + straight):

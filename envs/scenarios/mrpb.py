@@ -62,7 +62,7 @@ def _scenarios(folder: str, cases: str, states: tuple[tuple[str, int, int, int, 
     """Returns the scenarios of a folder whose files are in these states."""
     del states
     grid = grid_from_file(str(Path(folder) / MAP))
-    found = (read_cases if cases.endswith(CASES) else read_config)(Path(cases))
+    listed = (read_cases if cases.endswith(CASES) else read_config)(Path(cases))
     name = os.path.basename(folder)
     try:
         return tuple(
@@ -74,7 +74,7 @@ def _scenarios(folder: str, cases: str, states: tuple[tuple[str, int, int, int, 
                 position_tolerance=POSITION_TOLERANCE,
                 heading_tolerance=HEADING_TOLERANCE,
             )
-            for k, case in enumerate(found)
+            for k, case in enumerate(listed)
         )
     except ValueError as error:
         raise fault(cases, error) from None
@@ -89,7 +89,7 @@ def read_cases(file: Path) -> list[Case]:
         OSError: if it cannot be opened.
     """
     lines = csv.reader(read_text(str(file)).splitlines(), strict=True)
-    found: list[Case] = []
+    rows: list[Case] = []
     line = 1
     try:
         header = tuple(next(lines, ()))
@@ -101,13 +101,13 @@ def read_cases(file: Path) -> list[Case]:
                 continue
             if len(row) != len(COLUMNS):
                 raise ValueError(f"has {len(row)} cells; a case has {len(COLUMNS)}: {', '.join(COLUMNS)}")
-            found.append(_case(dict(zip(COLUMNS, row, strict=True))))
-            _check_count(found)
+            rows.append(_case(dict(zip(COLUMNS, row, strict=True))))
+            _check_count(rows)
     except (csv.Error, ValueError) as error:
         raise ValueError(f"{file}:{line}: {error}") from None
-    if not found:
+    if not rows:
         raise ValueError(f"{file}:1: holds no cases")
-    return found
+    return rows
 
 
 @reader("MRPB launch arguments", CONFIG, {CONFIG: _TEXT}, of_path)
@@ -118,7 +118,7 @@ def read_config(file: Path) -> list[Case]:
         ValueError: if the file is no such list; one line that starts with file:line and names the argument.
         OSError: if it cannot be opened.
     """
-    found: list[Case] = []
+    rows: list[Case] = []
     case: dict[str, str] = {}
     for line, text in enumerate(read_text(str(file)).splitlines(), 1):
         if not text.strip() or text.lstrip().startswith("#"):
@@ -132,29 +132,29 @@ def read_config(file: Path) -> list[Case]:
                 raise ValueError(f"{match[1]}_pose_{match[2]} is given twice in a case")
             case[column] = match[3]
             if len(case) == len(COLUMNS):
-                found.append(_case(case))
+                rows.append(_case(case))
                 case = {}
-                _check_count(found)
+                _check_count(rows)
         except ValueError as error:
             raise ValueError(f"{file}:{line}: {error}") from None
-    if case or not found:
+    if case or not rows:
         missing = next(name for name in COLUMNS if name not in case)
-        raise ValueError(f"{file}: case {len(found) + 1} has no {missing.replace('start', 'initial')}")
-    return found
+        raise ValueError(f"{file}: case {len(rows) + 1} has no {missing.replace('start', 'initial')}")
+    return rows
 
 
 def _case(texts: dict[str, str]) -> Case:
     """Returns a case of the texts of its columns."""
-    found = []
+    numbers = []
     for name in COLUMNS:
         try:
             value = float(texts[name])
         except ValueError:
             raise ValueError(f"{name} is {shown(texts[name])}; it must be a number") from None
-        found.append(number(name, value))
-    return tuple(found)
+        numbers.append(number(name, value))
+    return tuple(numbers)
 
 
-def _check_count(found: list[Case]) -> None:
-    if len(found) > MOST_WHOLE:
+def _check_count(cases: list[Case]) -> None:
+    if len(cases) > MOST_WHOLE:
         raise ValueError(f"the cases go on; there must be at most {MOST_WHOLE}")

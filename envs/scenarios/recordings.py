@@ -129,14 +129,14 @@ def _scenarios(file: str, digest: str, rate: float | None) -> tuple[TeamScenario
     del digest
     people = (read_eth if os.path.basename(file) == ETH else read_plain)(Path(file), rate)
     crowd = _Crowd(os.path.basename(os.path.dirname(file)) or "recording", people, 1.0 / (rate or RATE))
-    found = [k for k in range(len(people)) if crowd.has_way(k)]
-    if not found:
+    walkers = [k for k in range(len(people)) if crowd.has_way(k)]
+    if not walkers:
         raise ValueError(
             f"{file}: nobody walks {NEAREST_GOAL:g} m in {SHORTEST:g} s from a free place; a person must, whom the "
             "robot stands for"
         )
-    every = np.unique(np.linspace(0, len(found) - 1, min(len(found), MOST_SCENARIOS)).round().astype(int))
-    return tuple(crowd.without(found[k]) for k in every.tolist())
+    every = np.unique(np.linspace(0, len(walkers) - 1, min(len(walkers), MOST_SCENARIOS)).round().astype(int))
+    return tuple(crowd.without(walkers[k]) for k in every.tolist())
 
 
 class _Crowd:
@@ -285,7 +285,7 @@ def _walked(file: Path, people: list[NDArray[np.float64]], rate: float | None) -
     walks = zip(people, frames, strict=True)
     paces = [np.hypot(*np.diff(rows[:, 2:], axis=0).T) / np.diff(mine) for rows, mine in walks]
     most = _JUMP * max(FASTEST / ((rate or RATE) * step), float(np.median(np.concatenate(paces))))
-    found: list[Person] = []
+    persons: list[Person] = []
     filled = parted = size = 0
     for rows, mine, pace in zip(people, frames, paces, strict=True):
         parts = np.split(np.arange(len(mine)), np.flatnonzero((np.diff(mine) > longest) | (pace > most)) + 1)
@@ -303,14 +303,14 @@ def _walked(file: Path, people: list[NDArray[np.float64]], rate: float | None) -
             late, rest = divmod(int(mine[part[0]] - origin), step)
             name = f"{int(rows[0, 1])}" if k == 0 else f"{int(rows[0, 1])}.{k}"
             # a person annotated between the frames of others is moved to the next of theirs
-            found.append(Person(name, int(late) + (2 * rest > step), between))
+            persons.append(Person(name, int(late) + (2 * rest > step), between))
     said = [f"{filled} missing rows are filled in along straight lines"] * bool(filled)
     parting = f"at {parted} gaps of more than {LONGEST_GAP:g} s, or jumps, a person leaves and another comes"
     said += [parting] * bool(parted)
     if said:
         warnings.warn(f"{file}: {', and '.join(said)}; rows are {step:g} frames apart", FileNote, stacklevel=2)
-    _check_speed(file, found, rate)
-    return found
+    _check_speed(file, persons, rate)
+    return persons
 
 
 def _step(apart: NDArray[np.int64]) -> float:

@@ -81,10 +81,10 @@ class ReferenceScenario(PathScenario):
             if not isinstance(given, list | tuple) or len(given) != count:
                 many = f"{len(given)} numbers" if isinstance(given, list | tuple) else shown(given)
                 raise ValueError(f"{name} is {many}; the path has {count} points, and each needs one")
-            found = numbers_of(name, given, count, "one a point")
-            if max(map(abs, found)) > most:
+            samples = numbers_of(name, given, count, "one a point")
+            if max(map(abs, samples)) > most:
                 raise ValueError(f"{name} has a number beyond {most:g}")
-            object.__setattr__(self, name, found)
+            object.__setattr__(self, name, samples)
         for i, (before, behind) in enumerate(itertools.pairwise(self.times)):
             if not behind > before:
                 raise ValueError(f"times[{i + 1}] is {behind:g} after {before:g}; times must increase")
@@ -95,8 +95,8 @@ class ReferenceScenario(PathScenario):
             if self.headings:
                 turned = np.array(self.headings)
                 unwind(turned)
-                (found,) = evaluate(splined(turned[:, None], np.array(self.times)), self.knots[:, 0])
-                object.__setattr__(self, "facing", np.column_stack(list(found[:3])))
+                (samples,) = evaluate(splined(turned[:, None], np.array(self.times)), self.knots[:, 0])
+                object.__setattr__(self, "facing", np.column_stack(list(samples[:3])))
         first = float(self.knots[0, 1]), float(self.knots[0, 4])
         away = math.dist(first, (self.start or first)[:2]) + math.sqrt(2.0) * self.start_offset
         if away > self.corridor:
@@ -285,9 +285,9 @@ def _through(points: Array, times: tuple[float, ...]) -> Array:
     at = np.concatenate([[0.0], 2.0 * speeds[1:] * speeds[:-1] / (speeds[1:] + speeds[:-1]), [0.0]])
     each = np.arange(_PIECES) / _PIECES
     fine = np.append((t[:-1, None] + np.diff(t)[:, None] * each).ravel(), t[-1])
-    (found,) = evaluate(np.column_stack([t, u, at, np.zeros(len(t))]), fine)
-    found[1] = np.maximum(found[1], 0.0)
-    return _knots(curve(Law(fine, found[0], found[1], found[2])), Law(fine, found[0], found[1], found[2]))
+    (values,) = evaluate(np.column_stack([t, u, at, np.zeros(len(t))]), fine)
+    values[1] = np.maximum(values[1], 0.0)
+    return _knots(curve(Law(fine, values[0], values[1], values[2])), Law(fine, values[0], values[1], values[2]))
 
 
 _PIECES = 12  # knots between two points that have times
@@ -359,9 +359,9 @@ def placed(
 def _path_of(knots: Array, closed: bool) -> Path:
     """Returns the path that knots lead along, evenly spaced."""
     fine = np.linspace(knots[0, 0], knots[-1, 0], 4 * len(knots) + 1)
-    found = evaluate(knots[:, :7], fine)[:, 0]
-    moves = np.concatenate([[True], (np.diff(found[0]) != 0.0) | (np.diff(found[1]) != 0.0)])
-    even = evenly(np.ascontiguousarray(found[:, moves]), SPACING, found[0, 0], found[1, 0], 0.0, 1.0)
+    values = evaluate(knots[:, :7], fine)[:, 0]
+    moves = np.concatenate([[True], (np.diff(values[0]) != 0.0) | (np.diff(values[1]) != 0.0)])
+    even = evenly(np.ascontiguousarray(values[:, moves]), SPACING, values[0, 0], values[1, 0], 0.0, 1.0)
     return Path(even[:-1] if closed else even, closed)
 
 
@@ -441,12 +441,12 @@ def _wandering(count: tuple[int, int], bend: float) -> Callable[[Draw], Array]:
     """Returns points with legs of 1.2 to 2.5 m within `bend` degrees of one direction."""
 
     def points(draw: Draw) -> Array:
-        found = [(0.0, 0.0)]
+        corners = [(0.0, 0.0)]
         for _ in range(draw.whole(*count)):
             leg = draw.number(1.2, 2.5)
             sine, cosine = sin_cos(math.radians(draw.number(-bend, bend)))
-            found.append((found[-1][0] + leg * cosine, found[-1][1] + leg * sine))
-        return np.array(found)
+            corners.append((corners[-1][0] + leg * cosine, corners[-1][1] + leg * sine))
+        return np.array(corners)
 
     return points
 
@@ -454,9 +454,9 @@ def _wandering(count: tuple[int, int], bend: float) -> Callable[[Draw], Array]:
 def _open(points: Array, law: Callable[[float], Law]) -> Drawn | None:
     """Returns the spline through points, driven by a law; None where it bends more than 2.5 1/m."""
     curve, end = _splined(points, False)
-    found = law(end)
-    places = curve(found)
-    return None if np.abs(places.bend).max() > 2.5 else (_knots(places, found), False, None)
+    timing = law(end)
+    places = curve(timing)
+    return None if np.abs(places.bend).max() > 2.5 else (_knots(places, timing), False, None)
 
 
 def _spline(draw: Draw) -> Drawn | None:
@@ -501,12 +501,12 @@ def _halting(draw: Draw) -> Drawn | None:
             return None
         knots.append(_knots(places, law._replace(tau=clock + (b - a) * law.tau)))
         clock += (b - a) + draw.number(0.02, 0.08)  # and a rest
-    found = np.concatenate(knots)
-    found[:, 0] /= knots[-1][-1, 0]
+    joined = np.concatenate(knots)
+    joined[:, 0] /= knots[-1][-1, 0]
     scale = knots[-1][-1, 0]
-    found[:, [2, 5, 8]] *= scale
-    found[:, [3, 6, 9]] *= scale * scale
-    return found, False, None
+    joined[:, [2, 5, 8]] *= scale
+    joined[:, [3, 6, 9]] *= scale * scale
+    return joined, False, None
 
 
 def _legs(draw: Draw, moves: list[tuple[float, float]]) -> Drawn:

@@ -169,14 +169,14 @@ class GoalScenario:
     @property
     def moving(self) -> NDArray[np.bool_]:
         """Returns which obstacles (m,) move by themselves."""
-        found: NDArray[np.bool_] = self.obstacles["patrol"]["leg_time"] > 0.0
-        return found
+        mask: NDArray[np.bool_] = self.obstacles["patrol"]["leg_time"] > 0.0
+        return mask
 
     @property
     def fixed(self) -> NDArray[np.void]:
         """Returns the obstacles that stand for ever: they neither move nor can be pushed."""
-        found: NDArray[np.void] = self.obstacles[(self.obstacles["mass"] == 0.0) & ~self.moving]
-        return found
+        obstacles: NDArray[np.void] = self.obstacles[(self.obstacles["mass"] == 0.0) & ~self.moving]
+        return obstacles
 
     def fitted(self, shrinkage: float) -> "GoalScenario":
         """Returns the scenario for a smaller hull: itself, with more room."""
@@ -245,14 +245,14 @@ def check_clear(scenario: GoalScenario, hull_radius: float) -> None:
         if scenario.grid is not None:
             distance = float(scenario.grid.clearances(np.array([[x, y]]))[0])
             if distance < needed or distance <= 0.0:
-                told = f"scenario {scenario.name!r}: the map {scenario.grid.name}"
+                where = f"scenario {scenario.name!r}: the map {scenario.grid.name}"
                 (west, south), (east, north) = scenario.grid.corners.min(axis=0), scenario.grid.corners.max(axis=0)
                 if not (west <= x <= east and south <= y <= north):
-                    told += f" spans x from {west:.4g} to {east:.4g} m and y from {south:.4g} to {north:.4g} m"
-                    raise ValueError(f"{told}; the {place} at ({x:g}, {y:g}) lies outside")
+                    where += f" spans x from {west:.4g} to {east:.4g} m and y from {south:.4g} to {north:.4g} m"
+                    raise ValueError(f"{where}; the {place} at ({x:g}, {y:g}) lies outside")
                 raise ValueError(
-                    f"{told} is occupied or unknown over the {place} at ({x:g}, {y:g}): clearance {distance:.3g} m for "
-                    f"a hull of radius {hull_radius:g} m"
+                    f"{where} is occupied or unknown over the {place} at ({x:g}, {y:g}): clearance {distance:.3g} m "
+                    f"for a hull of radius {hull_radius:g} m"
                 )
         for j, obstacle in enumerate(scenario.obstacles):
             distance = clearance_to(obstacle, x, y)

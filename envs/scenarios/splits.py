@@ -191,10 +191,12 @@ def _split(file: pathlib.Path, task: str, family: str, name: str) -> tuple[Any, 
     except (OSError, LookupError, TypeError, ValueError, ArithmeticError, RecursionError, MemoryError) as error:
         problem = f"the file is damaged: {type(error).__name__}: {' '.join(str(error).split())}"
     else:
-        found = digest(scenarios)
-        if found == sha256:
+        actual = digest(scenarios)
+        if actual == sha256:
             return scenarios
-        problem = f"the scenarios are not those that were frozen: their SHA-256 is {found[:12]}..., not {shown(sha256)}"
+        problem = (
+            f"the scenarios are not those that were frozen: their SHA-256 is {actual[:12]}..., not {shown(sha256)}"
+        )
     raise ValueError(f"{file}: family {family!r}, split {name!r}: {problem}; install wayfield anew")
 
 

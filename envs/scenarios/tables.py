@@ -175,8 +175,8 @@ def _layout(file: str, lines: list[str]) -> _Layout:
     for i, line in enumerate(lines):
         if line.lstrip().startswith("#"):
             header = _header(line)
-            if found := _xy_columns(file, i + 1, header):
-                names, columns = header, found
+            if xy := _xy_columns(file, i + 1, header):
+                names, columns = header, xy
             continue
         text = line.split("#", 1)[0].strip()
         delimiter = _separator(text)
@@ -186,8 +186,8 @@ def _layout(file: str, lines: list[str]) -> _Layout:
         number = [_NUMERAL.fullmatch(field) or _DECIMAL_COMMA.fullmatch(field) for field in fields]
         if not any(number):
             header = _header(text)
-            if found := _xy_columns(file, i + 1, header):
-                names, columns = header, found
+            if xy := _xy_columns(file, i + 1, header):
+                names, columns = header, xy
                 continue
             raise _fault(
                 file,

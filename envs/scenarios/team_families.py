@@ -69,22 +69,22 @@ def _rectangle(frame: Frame, x0: float, y0: float, x1: float, y1: float) -> list
 
 def _scattered(draw: Draw, count: int, x0: float, y0: float, x1: float, y1: float) -> list[Point] | None:
     """Returns so many places in a rectangle that are apart; None when they did not fit."""
-    found: list[Point] = []
+    places: list[Point] = []
     for _ in range(400 * count):
         place = draw.number(x0, x1), draw.number(y0, y1)
-        if _far_from(place, found):
-            found.append(place)
-            if len(found) == count:
-                return found
+        if _far_from(place, places):
+            places.append(place)
+            if len(places) == count:
+                return places
     return None
 
 
 def _shuffled(draw: Draw, places: list[Point]) -> list[Point]:
     """Returns the places in a drawn order."""
-    left, found = list(places), []
+    left, shuffled = list(places), []
     while left:
-        found.append(left.pop(draw.whole(0, len(left) - 1)))
-    return found
+        shuffled.append(left.pop(draw.whole(0, len(left) - 1)))
+    return shuffled
 
 
 def _in_frame(frame: Frame, places: Iterable[Point]) -> list[Point]:

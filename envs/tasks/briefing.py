@@ -134,16 +134,16 @@ class Briefing:
 
     def _by_rows(self, other: "Briefing", change: Callable[[NDArray[Any], NDArray[Any]], NDArray[Any]]) -> Any:
         """Returns the fields that hold a row for each robot, their arrays changed with those of another."""
-        found: dict[str, Any] = {}
+        fields: dict[str, Any] = {}
         for name in ("position_tolerance", "heading_tolerance"):
             mine, theirs = getattr(self, name), getattr(other, name)
             if mine is not None and theirs is not None:
-                found[name] = change(mine, theirs)
+                fields[name] = change(mine, theirs)
         for name, rows in _ROWS.items():
             mine, theirs = getattr(self, name), getattr(other, name)
             if mine is not None:
-                found[name] = mine._replace(**{k: change(getattr(mine, k), getattr(theirs, k)) for k in rows})
-        return found
+                fields[name] = mine._replace(**{k: change(getattr(mine, k), getattr(theirs, k)) for k in rows})
+        return fields
 
     @property
     def task(self) -> TaskSpec:

@@ -48,20 +48,20 @@ def of_request(p: NDArray[np.void], most: NDArray[np.float64], axes: tuple[int, 
         """Returns rows u within their bounds, either way; exact sums, whatever stands beside them."""
 
         def function(u: Any) -> list[Any]:
-            found = [_sum(row, u) for row in rows.tolist()]
-            return [side for each, bound in zip(found, bounds, strict=True) for side in (each - bound, -each - bound)]
+            sums = [_sum(row, u) for row in rows.tolist()]
+            return [side for each, bound in zip(sums, bounds, strict=True) for side in (each - bound, -each - bound)]
 
         return Constraint(name, "linear", ("u",), unit, float(max(bounds)), function)
 
     speeds, limit = [axis for axis in axes if axis < 2], float(p["wheel_speed_limit"])
-    found = [
+    constraints = [
         linear("speed", "m/s", twist[speeds], most[:-1].tolist()),
         linear("turn_speed", "rad/s", twist[2:], [float(most[-1])]),
         linear("wheel_speed", "rad/s", wheels @ twist, [limit] * count),
     ]
     if not p["responds"]:
-        found += _of_change(p, twist, speeds)
-    return tuple(found)
+        constraints += _of_change(p, twist, speeds)
+    return tuple(constraints)
 
 
 def _of_change(p: NDArray[np.void], twist: NDArray[np.float64], speeds: list[int]) -> list[Constraint]:
@@ -79,14 +79,14 @@ def _of_change(p: NDArray[np.void], twist: NDArray[np.float64], speeds: list[int
         change = (_sum(rows[2], u) - command[2]) / dt
         return [change - turn, -change - turn]
 
-    found, both = [], ("u", "command")
+    constraints, both = [], ("u", "command")
     if math.isfinite(most):
         straight = len(speeds) == 1
         kind, unit, bound = ("linear", "m/s^2", most) if straight else ("quadratic", "m^2/s^4", most * most)
-        found.append(Constraint("acceleration", kind, both, unit, bound, acceleration))
+        constraints.append(Constraint("acceleration", kind, both, unit, bound, acceleration))
     if math.isfinite(turn):
-        found.append(Constraint("yaw_acceleration", "linear", both, "rad/s^2", turn, yaw_acceleration))
-    return found
+        constraints.append(Constraint("yaw_acceleration", "linear", both, "rad/s^2", turn, yaw_acceleration))
+    return constraints
 
 
 def at_least(name: str, field: str) -> Constraint:

@@ -116,8 +116,8 @@ class TaskSpec:
     @functools.cached_property
     def repertoire(self) -> Repertoire:
         """Returns its scenarios, loaded on first access."""
-        found: Repertoire = importlib.import_module(f"wayfield.envs.scenarios.{self.scenarios}").REPERTOIRE
-        return found
+        repertoire: Repertoire = importlib.import_module(f"wayfield.envs.scenarios.{self.scenarios}").REPERTOIRE
+        return repertoire
 
     @property
     def on_path(self) -> bool:

@@ -60,15 +60,15 @@ def _order(centres: NDArray[np.float64]) -> NDArray[np.int64]:
 
 def _around(records: NDArray[np.void]) -> NDArray[np.void]:
     """Returns a disc, as an OBSTACLE record, around all of each BLOCK records."""
-    found = np.zeros(-(-len(records) // BLOCK), OBSTACLE)
-    for disc, first in zip(found, range(0, len(records), BLOCK), strict=True):
+    discs = np.zeros(-(-len(records) // BLOCK), OBSTACLE)
+    for disc, first in zip(discs, range(0, len(records), BLOCK), strict=True):
         part = records[first : first + BLOCK]
         x, y = 0.5 * (part["x"].min() + part["x"].max()), 0.5 * (part["y"].min() + part["y"].max())
         far = np.sqrt((part["x"] - x) ** 2 + (part["y"] - y) ** 2)
         far += part["half_length"] + part["half_width"] + part["radius"]
         disc["x"], disc["y"], disc["cos"] = x, y, 1.0
         disc["radius"] = (1.0 + 1e-9) * far.max()
-    return found
+    return discs
 
 
 @inlined

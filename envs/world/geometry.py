@@ -39,8 +39,8 @@ MANY = 48  # obstacles, of more than which those out of reach are passed over
 
 def lengths(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
     """Returns the lengths (...) of vectors (..., 2): a square root has the same bits everywhere, `np.hypot` not."""
-    found: NDArray[np.float64] = np.sqrt(vectors[..., 0] * vectors[..., 0] + vectors[..., 1] * vectors[..., 1])
-    return found
+    sizes: NDArray[np.float64] = np.sqrt(vectors[..., 0] * vectors[..., 0] + vectors[..., 1] * vectors[..., 1])
+    return sizes
 
 
 @inlined

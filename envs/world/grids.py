@@ -116,8 +116,8 @@ class OccupancyGrid:
 
     def _window(self, low: int, high: int, left: int, right: int) -> NDArray[np.bool_]:
         """Returns which cells are occupied of the rows and columns from the first to the last, that one without."""
-        found: NDArray[np.bool_] = self._rooms[low + 1 : high + 1, left + 1 : right + 1] == 0
-        return found
+        window: NDArray[np.bool_] = self._rooms[low + 1 : high + 1, left + 1 : right + 1] == 0
+        return window
 
     @property
     def _rooms(self) -> NDArray[np.uint8]:
@@ -192,8 +192,10 @@ class OccupancyGrid:
     def clearances(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Returns the distance (n,) in m from points (n, 2) to what is occupied; 0 within, inf where nothing is."""
         grids = lay_grids([self], np.zeros(1, NO_GRIDS.frames.dtype))
-        found: NDArray[np.float64] = _clearances(grids.frames, grids.cells, np.ascontiguousarray(points, np.float64))
-        return found
+        clearances: NDArray[np.float64] = _clearances(
+            grids.frames, grids.cells, np.ascontiguousarray(points, np.float64)
+        )
+        return clearances
 
     def rays(self, points: NDArray[np.float64], headings: NDArray[np.float64], max_range: float) -> NDArray[np.float64]:
         """Returns the distance (n,) in m along rays from points (n, 2) at headings (n,) rad, at most max_range."""
@@ -208,8 +210,8 @@ class OccupancyGrid:
         columns, rows = np.moveaxis(np.floor(self.places(points)), -1, 0)
         inside = (rows >= 0) & (rows < self.shape[0]) & (columns >= 0) & (columns < self.shape[1])
         at = np.where(inside, rows + 1, 0).astype(np.int64), np.where(inside, columns + 1, 0).astype(np.int64)
-        found: NDArray[np.bool_] = np.where(inside, self._rooms[at] == 0, self.beyond == "occupied")
-        return found
+        occupied: NDArray[np.bool_] = np.where(inside, self._rooms[at] == 0, self.beyond == "occupied")
+        return occupied
 
 
 def check_size(field: str, rows: int, columns: int) -> None:
@@ -316,8 +318,8 @@ def _measure_columns(occupied, away, nearest):
             i = rows - 1 - a if way else a
             for j in range(columns):
                 behind[j] = 0 if occupied[i, j] else min(behind[j] + 1, nothing)
-                found = min(behind[j], _MOST)
-                away[i, j] = min(found, np.int64(away[i, j])) if way else found
+                distance = min(behind[j], _MOST)
+                away[i, j] = min(distance, np.int64(away[i, j])) if way else distance
             for block in range(nearest.shape[1]):
                 least: Any = nothing
                 if way:
@@ -640,10 +642,10 @@ def look_along(frame, cells, place, way, ranges, i, k):
 
 @allocating
 def _clearances(frames, cells, points):
-    found = np.empty(points.shape[0])
+    clearances = np.empty(points.shape[0])
     for k in range(points.shape[0]):
-        found[k] = grid_clearance(frames[0], cells, points[k, 0], points[k, 1])
-    return found
+        clearances[k] = grid_clearance(frames[0], cells, points[k, 0], points[k, 1])
+    return clearances
 
 
 @allocating

@@ -55,10 +55,10 @@ def turns(obstacles: NDArray[np.void]) -> NDArray[np.float64]:
 @inlined
 def any_moves(obstacles, i, count):
     """Returns whether one of the first `count` obstacles (b, m) of row i moves."""
-    found = False
+    moving = False
     for j in range(count):
-        found = found or moves(obstacles[i, j])
-    return found
+        moving = moving or moves(obstacles[i, j])
+    return moving
 
 
 @inlined

@@ -57,18 +57,18 @@ def number(
     Raises:
         ValueError: if the value is no finite number or breaks a bound.
     """
-    found = real(value)
+    numeral = real(value)
     low = -most if least == above == -math.inf else least
-    if not (math.isfinite(found) and low <= found <= most and found > above):
+    if not (math.isfinite(numeral) and low <= numeral <= most and numeral > above):
         wanted = "a finite number"
         if least > -math.inf:
             wanted += f" of at least {least:g}"
         if above > -math.inf:
             wanted += f" above {above:g}"
-        if abs(found) > most:
+        if abs(numeral) > most:
             wanted += f"{', ' if wanted[-1].isdigit() else ' of '}at most {most:g} in size"
         raise ValueError(f"{field} is {shown(value)}; it must be {wanted}")
-    return found
+    return numeral
 
 
 def numbers_of(field: str, values: Any, count: int, meaning: str) -> tuple[float, ...]:
@@ -106,10 +106,10 @@ def heading(field: str, value: Any) -> float:
 
 def positive(field: str, value: Any, most: float = FARTHEST, least: float = 0.0) -> None:
     """Raises ValueError, naming the field, unless the value is a finite number above 0, in [least, most]."""
-    found = real(value)
-    if not 0.0 < found < math.inf:
+    numeral = real(value)
+    if not 0.0 < numeral < math.inf:
         refuse(field, value, "a finite number > 0")
-    if not least <= found <= most:
+    if not least <= numeral <= most:
         refuse(field, value, f"a number from {least:g} to {most:g}")
 
 

@@ -93,13 +93,13 @@ def _client(address: str, security: Any) -> Any:
     if not _ADDRESS.fullmatch(address):
         raise NoScheduler("is no address; it must be like tcp://host:8786 or tls://host:8786, or local")
     try:
-        found = asyncio.run(_versions_at(address, security))
+        scheduler = asyncio.run(_versions_at(address, security))
     except Exception as error:  # whatever answers there, of whatever version
         why = " ".join(str(error).split()) or type(error).__name__
         raise NoScheduler(f"is no scheduler that can be reached within {_CONNECT:g} s: {why[:300]}") from None
     theirs, ours = (
         {**each["packages"], "python": _minor(each["host"]["python"])}
-        for each in (found, _dask().versions.get_versions())
+        for each in (scheduler, _dask().versions.get_versions())
     )
     if other := differences(theirs, {name: str(ours[name]) for name in ("python", *_MUST_AGREE)}):
         raise NoScheduler(f"is a scheduler of another version: {other}")
@@ -138,12 +138,12 @@ class _Cluster(Executor):
 
     def meet(self) -> None:
         """Checks the installations of all workers; NoScheduler if all must be refused."""
-        found: dict[str, Any] = self._client.run(_presented, on_error="return")
-        for worker, who in found.items():
+        workers: dict[str, Any] = self._client.run(_presented, on_error="return")
+        for worker, who in workers.items():
             other = differences(who, self._mine) if isinstance(who, dict) else " ".join(str(who).split())[:300]
             if other:
                 self._refuse(worker, other)
-        if found and not set(found) - self._refused:
+        if workers and not set(workers) - self._refused:
             raise NoScheduler("has no worker that can take part: each one is refused")
 
     def _refuse(self, worker: str, why: str) -> None:

@@ -153,7 +153,7 @@ _Command = TypeVar("_Command", bound=Callable[..., Any])
 def on_cluster(function: _Command) -> _Command:
     """Adds the option --cluster to a command, whose work `shared_out` then shares out."""
 
-    def kept(ctx: click.Context, param: click.Parameter, value: str | None) -> None:
+    def checked(ctx: click.Context, param: click.Parameter, value: str | None) -> None:
         del param
         if value is not None and not value.strip():
             raise click.UsageError("--cluster is empty; it must be a scheduler's address, or local")
@@ -165,7 +165,7 @@ def on_cluster(function: _Command) -> _Command:
         help="Distribute the work over the scheduler of a Dask cluster, such as tcp://host:8786; local: start a "
         "scheduler on this machine, with the usual number of processes.",
         expose_value=False,
-        callback=kept,
+        callback=checked,
     )(function)
 
 
@@ -243,10 +243,10 @@ class Finite(click.FloatRange):
     """A number of a range; not NaN, which lies in every one, nor infinity."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        found = float(super().convert(value, param, ctx))
-        if not math.isfinite(found):
+        number = float(super().convert(value, param, ctx))
+        if not math.isfinite(number):
             self.fail(f"{value!r} is no finite number", param, ctx)
-        return found
+        return number
 
 
 class Names(Choice):

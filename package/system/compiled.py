@@ -217,7 +217,7 @@ def _type_of(argument: Any) -> Any:
     return _types[kind]
 
 
-def is_kept(kernel: Any) -> bool:
+def is_stored(kernel: Any) -> bool:
     """Returns whether an earlier process has kept machine code of a kernel."""
     if _PLAIN:
         return any(pathlib.Path(kernel.stats.cache_path or "").glob(f"*.{kernel.py_func.__name__}-*.nbi"))

@@ -72,14 +72,14 @@ def bearing(y, x):
 
 def sines(angles: NDArray[Any]) -> NDArray[np.float64]:
     """Returns sin and cos, shape (2, k), of angles (k,), rad."""
-    found: NDArray[np.float64] = _sines(np.ascontiguousarray(angles))
-    return found
+    values: NDArray[np.float64] = _sines(np.ascontiguousarray(angles))
+    return values
 
 
 def bearings(y: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.float64]:
     """Returns `bearing` (k,) of vectors with these components, (k,) each."""
-    found: NDArray[np.float64] = _bearings(np.ascontiguousarray(y), np.ascontiguousarray(x))
-    return found
+    angles: NDArray[np.float64] = _bearings(np.ascontiguousarray(y), np.ascontiguousarray(x))
+    return angles
 
 
 @allocating
@@ -183,8 +183,8 @@ def area_sine(x):
     a = abs(x)
     y = a + a * a / (1.0 + math.sqrt(1.0 + a * a))
     u = 1.0 + y
-    found = y if u == 1.0 else logarithm(u) * (y / (u - 1.0))
-    return math.copysign(found, x)
+    area = y if u == 1.0 else logarithm(u) * (y / (u - 1.0))
+    return math.copysign(area, x)
 
 
 @inlined

@@ -32,8 +32,8 @@ def source_digest() -> str:
 
 def identity() -> dict[str, str]:
     """Returns what must be the same on every machine that shares a run: code with agents, Python, what computes."""
-    found = {"code and agents": source_digest()[:12], "python": ".".join(platform.python_version_tuple()[:2])}
-    return found | {name: importlib.metadata.version(name) for name in _PACKAGES}
+    code = {"code and agents": source_digest()[:12], "python": ".".join(platform.python_version_tuple()[:2])}
+    return code | {name: importlib.metadata.version(name) for name in _PACKAGES}
 
 
 def differences(theirs: dict[str, str], ours: dict[str, str]) -> str:

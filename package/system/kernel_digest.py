@@ -134,17 +134,17 @@ def _plain(value: Any) -> str:
 
 # digest of each function met, unless it takes part in a recursion: its digest then depends on where that was entered
 _digests: dict[int, tuple[Any, str]] = {}
-_Found = tuple[str, bool]  # a digest, and whether what it covers is recursive
+_Digest = tuple[str, bool]  # a digest, and whether what it covers is recursive
 _Path = tuple[int, ...]  # ids of the functions that are being digested, from the kernel on
 
 
-def _of_dispatcher(dispatcher: Any, path: _Path) -> _Found:
+def _of_dispatcher(dispatcher: Any, path: _Path) -> _Digest:
     options = _plain(tuple(sorted((name, str(value)) for name, value in dispatcher.targetoptions.items())))
     digest, recursive = _of_function(dispatcher.py_func, path)
     return _hashed("kernel", options, digest), recursive
 
 
-def _of_function(function: types.FunctionType, path: _Path) -> _Found:
+def _of_function(function: types.FunctionType, path: _Path) -> _Digest:
     """Returns the digest of a function and of all that it refers to."""
     if id(function) in _digests:
         return _digests[id(function)][1], False
@@ -163,13 +163,13 @@ def _of_function(function: types.FunctionType, path: _Path) -> _Found:
         digest, cyclic = _of_value(value, names, path)
         parts += [name, digest]
         recursive |= cyclic
-    found = _hashed(*parts)
+    digest = _hashed(*parts)
     if not recursive:
-        _digests[id(function)] = function, found
-    return found, recursive
+        _digests[id(function)] = function, digest
+    return digest, recursive
 
 
-def _of_value(value: Any, names: list[str], path: _Path) -> _Found:
+def _of_value(value: Any, names: list[str], path: _Path) -> _Digest:
     """Returns the digest of a value that a function refers to.
 
     Args:
@@ -185,13 +185,13 @@ def _of_value(value: Any, names: list[str], path: _Path) -> _Found:
     if isinstance(value, types.ModuleType):
         return _of_module(value, names, path)
     if isinstance(value, tuple):
-        found = [_of_value(each, names, path) for each in value]
+        digests = [_of_value(each, names, path) for each in value]
         kind = _of_class(type(value))
-        return _hashed(kind, *(digest for digest, _ in found)), any(cyclic for _, cyclic in found)
+        return _hashed(kind, *(digest for digest, _ in digests)), any(cyclic for _, cyclic in digests)
     return _hashed(_of_leaf(value)), False
 
 
-def _of_module(module: types.ModuleType, names: list[str], path: _Path) -> _Found:
+def _of_module(module: types.ModuleType, names: list[str], path: _Path) -> _Digest:
     """Returns the digest of what a function may take out of a module."""
     if module.__name__.partition(".")[0] in _OPAQUE:
         return _hashed("module", module.__name__), False

@@ -90,18 +90,18 @@ def _remembering(context: Any) -> Any:
     those of arrays too, at every place where two numbers are added, which took an eighth of the compiler's time.
     """
     resolve = context.resolve_function_type
-    found: dict[Any, Any] = {}
+    signatures: dict[Any, Any] = {}
 
     @functools.wraps(resolve)
     def remembered(function: Any, args: Any, kws: Any) -> Any:
         own = function if isinstance(function, numba.types.Type) else context._lookup_global(function)
         if kws or _depth.now == 0 or not isinstance(own, numba.types.Function):
             return resolve(function, args, kws)
-        signature = found.get((own, args))
+        signature = signatures.get((own, args))
         if signature is None:
             signature = resolve(function, args, kws)
             if signature is not None:
-                found[own, args] = signature
+                signatures[own, args] = signature
         return signature
 
     return remembered
@@ -182,15 +182,15 @@ class _Whole(JITCodeLibrary):
         super().finalize()
 
     def _optimize_final_module(self) -> None:
-        found = self._codegen._module_pass_manager()
-        manager, *more = found if isinstance(found, tuple) else (found,)  # and what built it, since numba 0.62
+        built = self._codegen._module_pass_manager()
+        manager, *more = built if isinstance(built, tuple) else (built,)  # and what built it, since numba 0.62
         manager.run(self._final_module, *more)
 
 
 def _callers_first(whole: JITCodeLibrary) -> list[Any]:
     """Returns what a kernel and its parts call, each after all that call it: LLVM links what is asked for by then."""
     met: set[Any] = set()
-    found: list[Any] = []
+    ordered: list[Any] = []
 
     def visit(library: Any) -> None:
         for each in library._linking_libraries:
@@ -198,10 +198,10 @@ def _callers_first(whole: JITCodeLibrary) -> list[Any]:
                 met.add(each)
                 if isinstance(each, _Part):
                     visit(each)
-                found.append(each)
+                ordered.append(each)
 
     visit(whole)
-    return found[::-1]
+    return ordered[::-1]
 
 
 class _Pipeline(Compiler):
@@ -337,12 +337,12 @@ class _Cache(caching.FunctionCache):
     @property
     def cache_path(self) -> str | None:
         """The folder of the kernel's files; None where none can be written."""
-        return self._cache_path if self._found() else None
+        return self._cache_path if self._has_folder() else None
 
     def holds_any(self) -> bool:
         """Returns whether code of the kernel is kept, for whichever arguments."""
         carried = pathlib.Path(self._named()._index_path).is_file()
-        return carried or (self._found() and pathlib.Path(self._cache_path, f"{self._base}.nbi").is_file())
+        return carried or (self._has_folder() and pathlib.Path(self._cache_path, f"{self._base}.nbi").is_file())
 
     def _named(self) -> Any:
         """Returns the kernel's files in the wheel, or a shared folder that is read alone; makes names and digest, once.
@@ -360,7 +360,7 @@ class _Cache(caching.FunctionCache):
             self._carried = next((each for each in files if pathlib.Path(each._index_path).is_file()), files[0])
         return self._carried
 
-    def _found(self) -> bool:
+    def _has_folder(self) -> bool:
         """Returns whether there is a folder; looks for it once."""
         if self._usable is None:
             try:
@@ -386,29 +386,29 @@ class _Cache(caching.FunctionCache):
         """
         _know_helpers()
         carried = self._of_wheel(sig, target_context)
-        if carried is not None or not self._found():
+        if carried is not None or not self._has_folder():
             return carried
-        found = self._kept(sig, target_context)
-        if found is None and _depth.now == 1 and self._lock is None:
+        overload = self._stored(sig, target_context)
+        if overload is None and _depth.now == 1 and self._lock is None:
             lock = filelock.FileLock(pathlib.Path(self._cache_path, f"{self._base}.lock"))
             try:
                 lock.acquire(timeout=_PATIENCE)
             except (OSError, NotImplementedError):  # no patience is left, or the folder knows no locks
                 return None
             self._lock = lock
-            found = self._kept(sig, target_context)
-        return found
+            overload = self._stored(sig, target_context)
+        return overload
 
     def _of_wheel(self, sig: Any, target_context: Any) -> Any:
         """Returns what the wheel carries; None where that is nothing, or is damaged."""
         if not pathlib.Path(self._named()._index_path).is_file():
             return None
         try:
-            found = self._read(self._carried, sig, target_context)
+            overload = self._read(self._carried, sig, target_context)
         except _DAMAGED as error:
             tell_of_damage(f"{self._carried._cache_path}: {type(error).__name__}: {error}")
             return None
-        return found if found is None or tuple(found.signature.args) == normalize_signature(sig)[0] else None
+        return overload if overload is None or tuple(overload.signature.args) == normalize_signature(sig)[0] else None
 
     def _read(self, files: Any, sig: Any, target_context: Any) -> Any:
         """Returns the code of some files for the processor's level, else for a lower one; None if there is none."""
@@ -428,12 +428,14 @@ class _Cache(caching.FunctionCache):
             with contextlib.suppress(OSError):
                 lock.release()
 
-    def _kept(self, sig: Any, target_context: Any) -> Any:
+    def _stored(self, sig: Any, target_context: Any) -> Any:
         try:
             with self._guard_against_spurious_io_errors():
-                found = self._read(self._cache_file, sig, target_context)
+                overload = self._read(self._cache_file, sig, target_context)
             # two processes that begin together may give the code of two signatures one file, which the later one keeps
-            return found if found is None or tuple(found.signature.args) == normalize_signature(sig)[0] else None
+            return (
+                overload if overload is None or tuple(overload.signature.args) == normalize_signature(sig)[0] else None
+            )
         except _DAMAGED as error:
             tell_of_no_cache(f"{self.cache_path}: {type(error).__name__}: {error}")
             with contextlib.suppress(OSError):
@@ -442,7 +444,7 @@ class _Cache(caching.FunctionCache):
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keeps what was compiled, if there is room and leave to."""
-        if isinstance(data.library, _Part) or not self._found():
+        if isinstance(data.library, _Part) or not self._has_folder():
             return
         try:
             super().save_overload(sig, data)

@@ -43,8 +43,8 @@ def state_of(file: str | os.PathLike[str]) -> tuple[str, int, int, int, int]:
     Raises:
         OSError: if there is no such file.
     """
-    found = os.stat(file)
-    return str(file), found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns
+    status = os.stat(file)
+    return str(file), status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns
 
 
 def check_ordinary(file: str | os.PathLike[str], named: str) -> None:

@@ -22,11 +22,11 @@ def read_bytes(file: pathlib.Path, most: int) -> bytes:
         ValueError: naming the file, if it is missing, no regular file or too large.
     """
     try:
-        found = file.stat()
-        if not stat.S_ISREG(found.st_mode):
+        status = file.stat()
+        if not stat.S_ISREG(status.st_mode):
             raise ValueError(f"{file} cannot be read: it is no file")
-        if found.st_size > most:
-            raise ValueError(f"{file} has {found.st_size} bytes; at most {most} can be right")
+        if status.st_size > most:
+            raise ValueError(f"{file} has {status.st_size} bytes; at most {most} can be right")
         return file.read_bytes()
     except OSError as error:
         raise ValueError(f"{file} cannot be read: {unread(file, error)}") from None
@@ -49,14 +49,14 @@ def parsed_object(content: bytes | str, source: str) -> dict[str, Any]:
     """
     try:
         text = content.decode("utf-8") if isinstance(content, bytes) else content
-        found = json.loads(text, object_pairs_hook=without_repeats)
+        parsed = json.loads(text, object_pairs_hook=without_repeats)
     except RecursionError:
         raise ValueError(f"{source} is no JSON that can be read: it is nested too deeply") from None
     except ValueError as error:
         raise ValueError(f"{source} is no JSON: {error}") from None
-    if not isinstance(found, dict):
-        raise ValueError(f"{source} holds {shown(found)}; it must be one object")
-    return found
+    if not isinstance(parsed, dict):
+        raise ValueError(f"{source} holds {shown(parsed)}; it must be one object")
+    return parsed
 
 
 def read_arrays(file: pathlib.Path) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:

@@ -28,7 +28,7 @@ from wayfield.policies.learned.conditions import (
     check_conditions,
     check_described,
     effective_actuators,
-    kept_pace,
+    held_pace,
     network_speed,
     out_of_distribution,
 )
@@ -186,7 +186,7 @@ class Agent(Gains):
     names, by any scan that can be read as the card's, and refuses others.
 
     With `pace_time` a path follower holds the asked speed as the mean on the path at hand, where its base can
-    (`kept_pace`). Without, and where its card says how fast it drove when it was told a speed (`cruises`), the network
+    (`held_pace`). Without, and where its card says how fast it drove when it was told a speed (`cruises`), the network
     is told the one of which the asked one comes as the mean over training paths (`network_speed`), as a controller's
     cruising speed is tuned: sharp corners are among those, so that on a circuit it is a tenth too fast.
 
@@ -291,7 +291,7 @@ class Agent(Gains):
         elif self.patience and self.features.observation is path_following.Observation:
             parts["rescue"] = np.zeros((briefing.num_envs, 2))  # see `drive_on`
         if self.keeps_pace:
-            parts["pace"] = np.zeros((briefing.num_envs, 2))  # see `kept_pace`
+            parts["pace"] = np.zeros((briefing.num_envs, 2))  # see `held_pace`
             parts["pace"][:, 0] = -briefing.dt * self.speed  # no time has passed when it is first asked
         if len(parts) == 1:
             return parts["network"]
@@ -313,7 +313,7 @@ class Agent(Gains):
             uncruised = {**self.card, "cruises": {}}
             most = max([self.speed, *self.card.get("trained_on", {}).get("speeds", [])])
             low, high = (network_speed(uncruised, briefing, each) for each in (self.speed, most))
-            late = kept_pace(self.speed, memory["pace"], observation.twist, briefing.dt)
+            late = held_pace(self.speed, memory["pace"], observation.twist, briefing.dt)
             speeds = np.clip(low + late / self.pace_time, 0.5 * low, high)
         requested = None
         own, measured = memory, observation

@@ -213,7 +213,7 @@ def commanded_speed(cruise: Sequence[Sequence[float]], speed: float, most: float
     return float(np.interp(speed, (0.0, *driven), (0.0, *requested)))
 
 
-def kept_pace(speed: float, paced: NDArray[np.float64], twists: NDArray[np.float64], dt: float) -> NDArray[np.float64]:
+def held_pace(speed: float, paced: NDArray[np.float64], twists: NDArray[np.float64], dt: float) -> NDArray[np.float64]:
     """Returns the way (b,), m, that robots are late by: the asked speed times the time, less the way driven.
 
     An agent that is told a speed in proportion to it holds the asked mean on any path where it can: proportional

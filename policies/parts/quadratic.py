@@ -71,6 +71,6 @@ class Solver:
             solver.solve()
             status = solver.info.status_val
             if status != self._interrupted:
-                found = solver.solution
-                return (found.x, found.y) if status in self._good and np.isfinite(found.x).all() else None
+                solution = solver.solution
+                return (solution.x, solution.y) if status in self._good and np.isfinite(solution.x).all() else None
             signal.raise_signal(signal.SIGINT)

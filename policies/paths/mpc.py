@@ -269,17 +269,17 @@ class QuadraticProgram:
         if not math.isfinite(slope):
             return False
         share = 1.0 / max(slope, 1.0)
-        found = self._solver.solve(
+        solution = self._solver.solve(
             share * self.arrays.gradient,
             self.scale * self.arrays.lower,
             self.scale * self.arrays.upper,
             share * self.arrays.hessian,
             (self.arrays.plan, share * multipliers),
         )
-        if found is None:
+        if solution is None:
             return False
-        self.arrays.plan[:] = found[0]
-        self.multipliers[:] = found[1] / share
+        self.arrays.plan[:] = solution[0]
+        self.multipliers[:] = solution[1] / share
         return True
 
 

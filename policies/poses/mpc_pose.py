@@ -186,14 +186,14 @@ class PoseProgram:
         if not math.isfinite(slope):
             return None
         share = 1.0 / max(slope, 1e-9)
-        found = self._solver.solve(
+        solution = self._solver.solve(
             share * self.arrays.gradient,
             self.arrays.lower,
             self.arrays.upper,
             share * self.arrays.hessian,
             self._none,
         )
-        return None if found is None else found[0]
+        return None if solution is None else solution[0]
 
 
 # One program serves every robot of its kind in a thread: it holds nothing of theirs from one solution to the next.

@@ -87,14 +87,14 @@ class QuadraticProgram:
         if not np.isfinite(self.arrays.gradient).all():
             return None
         share = 1.0 / max(float(np.abs(np.diag(self.arrays.hessian)).max()), 1e-9)
-        found = self._solver.solve(
+        solution = self._solver.solve(
             share * self.arrays.gradient,
             self.scale * self.arrays.lower,
             self.scale * self.arrays.upper,
             share * self.arrays.hessian,
             (np.zeros(len(self.arrays.gradient)), np.zeros(len(self.scale))),
         )
-        return None if found is None else found[0].reshape(self.shape)
+        return None if solution is None else solution[0].reshape(self.shape)
 
 
 # One program serves every robot of its kind in a thread: it holds nothing of theirs from one solution to the next.

@@ -22,7 +22,7 @@ from wayfield.benchmarks.records.results import read_rows
 from wayfield.envs.scenarios import GoalScenario
 from wayfield.envs.scenarios.docking_families import DockingScenario
 from wayfield.policies.learned.agent import load_agent, read_card
-from wayfield.policies.learned.conditions import kept_pace
+from wayfield.policies.learned.conditions import held_pace
 from wayfield.policies.pilot import Pilot
 from wayfield.policies.trained.ppo import shipped
 from wayfield.policies.training.measured import conditions
@@ -142,7 +142,7 @@ def test_the_way_that_is_late_brings_the_mean_to_the_asked_speed(slower: float) 
     asked, dt, v, way = 0.6, 0.05, 0.0, 0.0
     paced = np.array([[-dt * asked, 0.0]])
     for _ in range(2400):
-        told = asked + kept_pace(asked, paced, np.array([[v, 0.0]]), dt)[0] / 4.0
+        told = asked + held_pace(asked, paced, np.array([[v, 0.0]]), dt)[0] / 4.0
         new = v + min(max((1.0 - slower) * told - v, -dt), dt)
         way += 0.5 * dt * (v + new)
         v = new

@@ -232,7 +232,7 @@ def test_a_robot_under_the_guard_stops_before_a_wall(name, distance, bearing, fo
         hits = np.column_stack([c * rel[:, 0] + s * rel[:, 1], c * rel[:, 1] - s * rel[:, 0]])
         eye = sight()
         view = eye.view((0.0, 0.0, 0.0), 0.0)._replace(hits=hits, blind=False)
-        command = limits.kept_away(asked, view, age + dt)
+        command = limits.clear_of_obstacles(asked, view, age + dt)
         a, b = limits.acceleration * dt, limits.yaw_acceleration * dt
         v += min(max(command.vx - v, -a), a)
         w += min(max(command.yaw_rate - w, -b), b)
