@@ -8,6 +8,7 @@ from wayfield.bridges.identify.estimate import MOST_WRONG, commanded
 from wayfield.bridges.identify.recording import Log
 from wayfield.bridges.identify.response import Drive, Flags, Floats, held
 from wayfield.bridges.identify.sampling import resolution
+from wayfield.system.checks import shown
 
 FASTEST = (30.0, 30.0)  # m/s and rad/s, of a wheeled robot
 LEAST_MOTION = 20.0  # s
@@ -27,6 +28,11 @@ REST = 3.0  # s after a command of 0, from which on a base stands
 LEAST_STILL = 20  # messages of odometry there
 COARSE = 0.1  # of the largest speed: a rounding that bends more than the intervals hold
 OFFSET = 0.03  # of the largest speed, which is no noise there
+FASTER, SLACK = 3.0, 1.0  # times the fastest command, and m/s or rad/s more, beyond which a few messages are wrong
+MOST_WILD = 0.1  # share of the messages that may be; more are in other units
+HUNG = 3.0  # s, for which odometry that moves does not repeat itself to the last digit
+APART, NOTICED = 0.75, 1.0  # share of its largest values, and s, by and for which odometry then is off its commands
+TWICE = 0.9  # share of the messages with one stamp that are equal where each was recorded twice
 UNITS = ("m/s", "rad/s")
 NAMES = ("forward speed", "yaw rate")
 
@@ -56,11 +62,29 @@ def check(log: Log, cut: bool = False) -> Checked:
     _check_seconds(log.times)
     _check_units("commands", log.commands, 0.0)
     _check_units("odometry", log.speeds, MOST_WRONG)
-    sane = (np.abs(log.speeds) <= FASTEST).all(axis=1)
+    sane = _sane(log)
     if not sane.all():
-        warnings.append(f"{(~sane).sum()} messages of odometry are faster than any base and are left out")
+        warnings.append(
+            f"{(~sane).sum()} messages of odometry are faster than what was commanded explains, and are left out"
+        )
     commands, odometry = (log.command_times, log.commands), (log.times[sane], log.speeds[sane])
-    step = max(_rounding(log.command_times), _rounding(log.times))
+    again = _again(*odometry)
+    if again.any() and again.sum() >= TWICE * (np.diff(odometry[0]) == 0.0).sum():
+        warnings.append(f"{again.sum()} messages of odometry repeat the one before, its stamp too, and are left out")
+        commands, odometry = ((times[~of], values[~of]) for times, values, of in
+                              ((*commands, _again(*commands)), (*odometry, again)))  # fmt: skip
+    hung = _hung(commands, *odometry)
+    if hung.any() and not hung.all():
+        first = int(hung.argmax())
+        said = (
+            f"odometry repeats {shown(odometry[1][first].tolist())} for {hung.sum()} messages, the first at "
+            f"{odometry[0][first]:.1f} s, while the base is commanded to move"
+        )
+        if not cut:
+            raise ValueError(f"{said}: was it switched off, or its driver hung? Leave them out with --cut")
+        warnings.append(f"{said}; they are left out")
+        odometry = odometry[0][~hung], odometry[1][~hung]
+    step = max(_rounding(commands[0]), _rounding(odometry[0]))
     if step:
         warnings.append(f"stamps are rounded to {step:.3g} s: messages with one stamp are spread over it")
         commands, odometry = (_spread(commands[0], step), commands[1]), (_spread(odometry[0], step), odometry[1])
@@ -125,6 +149,32 @@ def _check_seconds(times: Floats) -> None:
     for scale, unit in SCALES:
         if 0.9 * scale > step > 0.001 * scale and step > 1.0:
             raise ValueError(f"odometry comes every {step:.4g} s; are its stamps in {unit}? Divide them by {scale:g}")
+
+
+def _sane(log: Log) -> Flags:
+    """Returns which messages of odometry are not a few, here and there, far faster than all that was commanded."""
+    speeds = np.abs(log.speeds)
+    wild = (speeds > FASTER * np.abs(log.commands).max(axis=0) + SLACK).any(axis=1)
+    sane: Flags = (speeds <= FASTEST).all(axis=1)
+    longest, left = (np.diff(each).max(initial=0.0) for each in (log.times, log.times[~wild]))
+    return sane & ~wild if wild.mean() <= MOST_WILD and left <= max(longest, LONGEST_GAP) else sane
+
+
+def _again(times: Floats, values: Floats) -> Flags:
+    """Returns which messages are the one before once more."""
+    return np.append(False, (np.diff(times) == 0.0) & (np.diff(values, axis=0) == 0.0).all(axis=1))
+
+
+def _hung(commands: tuple[Floats, Floats], times: Floats, speeds: Floats) -> Flags:
+    """Returns which messages are those of a time in which odometry says the same and not what is commanded."""
+    requested = commands[1][np.maximum(np.searchsorted(commands[0], times, "right") - 1, 0)]
+    shares = [each / np.maximum(np.quantile(np.abs(each), 0.98, axis=0), 1e-9) for each in (requested, speeds)]
+    off = (np.abs(shares[0] - shares[1]) > APART).any(axis=1)
+    run = np.cumsum(np.append(False, (np.diff(speeds, axis=0) != 0.0).any(axis=1)))
+    _, first, count = np.unique(run, return_index=True, return_counts=True)
+    spans = times[first + count - 1] - times[first]
+    hung: Flags = ((spans > HUNG) & (spans * np.bincount(run, off) > NOTICED * count))[run]
+    return hung
 
 
 def _rounding(times: Floats) -> float:

@@ -15,7 +15,7 @@ from wayfield.bridges.identify.odometry import odometry_errors
 from wayfield.bridges.identify.prediction import BLOCK, Prediction, predict
 from wayfield.bridges.identify.recording import STAMPS, Log, Topics, read_log
 from wayfield.bridges.identify.response import SATURATIONS
-from wayfield.bridges.identify.sheet import identified, settled
+from wayfield.bridges.identify.sheet import doubts, identified, settled
 from wayfield.envs.robots import ROBOTS, Robot
 from wayfield.envs.robots.robot_option import RobotChoice
 from wayfield.system.checks import unread
@@ -91,13 +91,16 @@ def main(
         say(f"  {slip.name:<17} {slip}")
     for line in missing:
         say(f"unbounded {line}")
+    doubtful = doubts(robot, sheet)
+    for line in doubtful:
+        say(f"doubtful: {line}")
     if report is not None:
         from wayfield.bridges.identify.report import Findings, write_report
 
         noise = measure(recorded, fitted)
         findings = Findings(
-            recorded, fitted, truthful, noise, rates(recorded), warnings, missing, tested, split, robot.name,
-            command_given("identify"),
+            recorded, fitted, truthful, noise, rates(recorded), (*warnings, *doubtful), missing, tested, split,
+            robot.name, command_given("identify"),
         )  # fmt: skip
         for file in write_report(report, findings):
             say(f"Report: {file}")

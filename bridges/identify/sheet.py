@@ -14,6 +14,7 @@ from wayfield.envs.robots.intervals import Interval
 
 METHOD = "profile likelihood, 95 %"
 FROM_BOUND = {"acceleration": 2.0, "deceleration": 2.0}  # times the bound; at 2 what is left of the misfit is a quarter
+USUAL = {"gain": 2.0, "track": 2.0, "top speed": 3.0}  # times 1, or the base's own, up to which nothing is doubted
 RARE = 0.02  # share of the commands that may contradict a sheet whose axes saturate by themselves
 
 
@@ -110,6 +111,25 @@ def identified(base: Robot, fitted: Fit, name: str, source: str) -> tuple[Robot,
             f"sources.{field}", own, low[0] if alone else low, high[0] if alone else high, METHOD, source
         )
     return dataclasses.replace(robot, name=name, title=_title(base), sources=sources), written, lines
+
+
+def doubts(base: Robot, robot: Robot) -> list[str]:
+    """Returns a line for each number of an identified robot that is far from its base's, or a gain far from 1."""
+    lines = [
+        f"gain_{axis} is {gain:.3g}: are commands and odometry in m/s and rad/s?"
+        for axis, gain in zip("vw", robot.gain or (1.0, 1.0), strict=True)
+        if not 1.0 / USUAL["gain"] <= gain <= USUAL["gain"]
+    ]
+    for what, unit, value, own in (
+        ("track", "m", 2.0 * robot.wheels[1].y, 2.0 * base.wheels[1].y),
+        ("top speed", "m/s", float(robot.max_twist[0]), float(base.max_twist[0])),
+    ):
+        if not 1.0 / USUAL[what] <= value / own <= USUAL[what]:
+            lines.append(
+                f"{what} is {value:.3g} {unit}, of {base.name} {own:.3g} {unit}: is the log in other units, are its "
+                "axes swapped, or is --robot not a similar base?"
+            )
+    return lines
 
 
 def _ends(each: Any, value: float, scale: float) -> tuple[float | None, float | None]:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from identification import drive_of, script
+from numpy.typing import NDArray
 
 from wayfield.bridges.identify.checks import check
 from wayfield.bridges.identify.estimate import fit, intervals
@@ -19,6 +20,7 @@ from wayfield.bridges.identify.noise import measure, rates
 from wayfield.bridges.identify.odometry import odometry_errors
 from wayfield.bridges.identify.recording import Log, Topics, read_log
 from wayfield.bridges.identify.response import AXES, Drive
+from wayfield.bridges.identify.sheet import doubts, identified
 from wayfield.envs.robots import ROBOTS, read_robot
 from wayfield.envs.robots.intervals import Interval
 from wayfield.envs.robots.robot_option import unlikely
@@ -110,6 +112,8 @@ def bad() -> Iterator[tuple[str, str, str]]:
     gap = np.where(drive.times > 20.0, drive.times + 14.7, drive.times)
     later = np.where(drive.command_times > 20.0, drive.command_times + 14.7, drive.command_times)
     yield "gap", table(changed(drive, times=gap, command_times=later)), "gaps: 14.7 s"
+    held = np.where((drive.times > 30.0)[:, None], drive.speeds[400], drive.speeds)
+    yield "hung", table(changed(drive, speeds=held)), "was it switched off"
     few = slice(None, None, 6)
     yield "slow", table(changed(drive, times=drive.times[few], speeds=drive.speeds[few])), "5 Hz or faster"
     yield "early", table(changed(drive, command_times=drive.command_times + 0.6)), "different clocks"
@@ -217,6 +221,49 @@ def test_rounded_stamps_leave_the_answers(step: float) -> None:
     checked = check(rough)
     assert "rounded" in checked.warnings[0]
     np.testing.assert_allclose(fit(checked.drive).numbers, fit(check(log).drive).numbers, rtol=0.1, atol=0.03)
+
+
+def log_of(drive: Drive, every: NDArray[np.int64] | slice = slice(None)) -> Log:
+    return Log("drive.csv", "", "table", drive.command_times[every], drive.commands[every], drive.times[every],
+               drive.speeds[every])  # fmt: skip
+
+
+def test_what_was_recorded_twice_is_taken_once() -> None:
+    drive = driven()
+    once, twice = check(log_of(drive)), check(log_of(drive, np.repeat(np.arange(len(drive.times)), 2)))
+    for field in dataclasses.fields(Drive):
+        np.testing.assert_array_equal(getattr(twice.drive, field.name), getattr(once.drive, field.name))
+
+
+def test_a_few_messages_far_beyond_all_commands_are_left_out_and_nothing_else() -> None:
+    drive = driven()
+    wild = np.random.default_rng(0).random(len(drive.times)) < 0.05
+    speeds = np.where(wild[:, None], [9.9, 0.0], drive.speeds)
+    checked = check(log_of(changed(drive, speeds=speeds)))
+    assert not np.isin(drive.times[wild], checked.drive.times).any()
+    assert np.isin(drive.times[~wild], checked.drive.times).sum() >= 0.95 * (~wild).sum()
+
+
+def test_odometry_that_hangs_is_left_out_and_a_base_that_does_what_is_commanded_never_hangs() -> None:
+    drive = driven()
+    hung = (drive.times > 10.0) & (drive.times < 20.0)
+    checked = check(log_of(changed(drive, speeds=np.where(hung[:, None], drive.speeds[0], drive.speeds))), cut=True)
+    assert not np.isin(drive.times[hung][1:], checked.drive.times).any()
+    # cruising for ten seconds each, without noise
+    legs = np.repeat([[0.2, 0.0], [0.0, 0.0], [-0.2, 0.5], [0.1, -1.0], [0.0, 1.0]], 200, axis=0)
+    times = 0.05 * np.arange(len(legs))
+    check(Log("drive.csv", "", "table", times, legs, times + 0.1, 0.8 * legs))
+
+
+@pytest.mark.parametrize(("scale", "told"), [((3.6, 1.0), "gain_v is 3."), ((1.0, 1.0), "")])
+def test_a_log_in_other_units_than_the_base_can_have_is_doubted(scale: tuple[float, float], told: str) -> None:
+    drive = driven()
+    base = ROBOTS["turtlebot3"]
+    fitted = fit(check(log_of(changed(drive, speeds=drive.speeds * scale))).drive)
+    sheet, _, _ = identified(base, intervals(fitted), "mine", "a log")
+    lines = "; ".join(doubts(base, sheet))
+    assert told in lines
+    assert bool(lines) == bool(told)
 
 
 def test_errors_of_odometry_are_found_against_ground_truth() -> None:
