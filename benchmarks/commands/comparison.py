@@ -146,8 +146,8 @@ def _in_order(executor: Executor, settings: list[Setting], failures: list[Failed
     early: dict[int, list[Row]] = {}
     place = 0
     try:
-        for k, found in executor.as_done(*sent(executor, _rows, settings)):
-            early[k] = found
+        for k, rows in executor.as_done(*sent(executor, _rows, settings)):
+            early[k] = rows
             while place in early:
                 yield from early.pop(place)
                 place += 1

@@ -49,7 +49,7 @@ from wayfield.system.executors import cores
 DOCUMENTS = "documents"
 PAPERS = "papers"
 DYNAMICS = {**{each: (each,) for each in IN_PROCESS}, "both": ("kinematic", "pymunk")}
-KEPT = {"worst": WORST, "all": None}
+STORED = {"worst": WORST, "all": None}
 QUICK = "quick"
 QUICK_POLICIES = (
     *("pure_pursuit", "regulated_pure_pursuit"),
@@ -288,12 +288,12 @@ class Options:
 
     def timed(self) -> list[Case]:
         """Returns the cases in which policies are timed; of trained agents one."""
-        found: dict[tuple[str, str, str], Case] = {}
+        cases: dict[tuple[str, str, str], Case] = {}
         for contest in (ALL_CONTESTS[name] for name in self.contests):
             course = self.courses[0] if self.courses else self._course(contest, contest.timed_on)
             for case in contest.cases(self.chosen_robot, course, self.entrants(contest)):
-                found[contest.name, case.policy, case.gains_name] = case
-        return list(found.values())
+                cases[contest.name, case.policy, case.gains_name] = case
+        return list(cases.values())
 
     def settings(self) -> list[Setting]:
         """Returns every part of the run, in the order of the tables, those of speed sweeps last.
@@ -307,19 +307,19 @@ class Options:
         self._check_homes(contests)
         self._check_families(contests)
         self._check_hull(contests)
-        found = []
+        settings = []
         for contest in contests:
             for plant in self.plants:
                 for course in self.courses or self._frozen(contest, plant):
-                    found += list(self._on(contest, plant, course))
-        unused = [name for name in self.policies or () if all(setting.case.policy != name for setting in found)]
+                    settings += list(self._on(contest, plant, course))
+        unused = [name for name in self.policies or () if all(setting.case.policy != name for setting in settings)]
         for name in unused:
             if name in POLICIES:
                 try:
                     check_robot(POLICIES[name](), self.chosen_robot)
                 except ValueError as error:
                     raise WrongOption(f"policies {name!r}: {error}") from None
-        if not found:
+        if not settings:
             for contest in contests:
                 for line in contest.without_agents(self.policies or (), self.chosen_robot).values():
                     raise WrongOption(line)
@@ -328,7 +328,7 @@ class Options:
             )
         for name in unused:
             raise WrongOption(f"policies {name!r} has no case with these gains and {self.chosen_robot}")
-        return sorted(found, key=lambda setting: setting.case.speed is not None)
+        return sorted(settings, key=lambda setting: setting.case.speed is not None)
 
     def _check_names(self, contests: list[Contest]) -> None:
         for name in self.policies or ():
@@ -383,16 +383,16 @@ class Options:
         Raises:
             WrongOption: if there are none; the message says why.
         """
-        found, reasons = [], []
+        contests, reasons = [], []
         for contest in (ALL_CONTESTS[name] for name in self.contests):
             try:
                 try_out(contest, self.chosen_robot, own, self.courses[0] if self.courses else None)
-                found.append(contest.name)
+                contests.append(contest.name)
             except Mismatch as mismatch:
                 reasons.append(str(mismatch))
-        if not found:
+        if not contests:
             raise WrongOption(f"policy {reasons[0]}")
-        return found
+        return contests
 
     def _on(self, contest: Contest, plant: str, course: Course) -> Iterator[Setting]:
         """Yields the parts of one family of scenarios."""
@@ -436,7 +436,7 @@ class Options:
         count = len(members) or ((self.episodes or 1) if there is None else min(limits))
         for case in cases:
             first = seed_of(self.seed, case.split, case.family)
-            yield Setting(self.wanted, case, plant, self.tier, first, count, KEPT[self.keep or "worst"], members)
+            yield Setting(self.wanted, case, plant, self.tier, first, count, STORED[self.keep or "worst"], members)
 
 
 def seed_of(seed: int, split: str, family: str) -> int:

@@ -18,7 +18,7 @@ from wayfield.benchmarks.records.replays import write_drives
 from wayfield.benchmarks.records.results import TABLE, read_rows, write_rows, write_trajectories
 from wayfield.benchmarks.records.run_folder import REPORT, Run, held, staging
 from wayfield.benchmarks.records.table import Table
-from wayfield.benchmarks.report.findings import found
+from wayfield.benchmarks.report.findings import finding_of
 from wayfield.benchmarks.report.page import Section, write_page
 from wayfield.benchmarks.report.worlds import write_worlds
 from wayfield.benchmarks.runs.decisions import DECISIONS, measured, read_decisions, write_decisions
@@ -65,7 +65,7 @@ def quick_report(options: Options, folder: Path, executor: Executor) -> Short:
 def short_findings(rows: Episodes) -> Short:
     """Returns the result of each contest in the rows of a run on one robot: a sentence and a small table."""
     findings = [
-        found(ALL_CONTESTS[name], rows["robot"][0], rows.where(contest=name)) for name in rows.unique("contest")
+        finding_of(ALL_CONTESTS[name], rows["robot"][0], rows.where(contest=name)) for name in rows.unique("contest")
     ]
     return [(each.sentence, each.small) for each in findings]
 

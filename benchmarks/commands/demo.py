@@ -175,7 +175,7 @@ NAMES = {
 
 def worlds(families: Collection[str] = ()) -> list[World]:
     """Returns the first scenarios of the test split of some families, or of all that the page can drive in."""
-    found = []
+    worlds_drawn = []
     for spec in IN_PAGE.values():
         for family in splits.members(spec.name):
             if spec.families[family].needs_forces or (families and family not in families):
@@ -186,18 +186,18 @@ def worlds(families: Collection[str] = ()) -> list[World]:
                 if "bodies" in world and ("walks" not in world or len(world["bodies"]) >= SOME):
                     continue
                 draws = np_random(seed)[0].random(DRAWS).tolist()
-                found.append(world | {"draws": draws, "seed": seed, "hull": LARGEST_HULL})
-    return found
+                worlds_drawn.append(world | {"draws": draws, "seed": seed, "hull": LARGEST_HULL})
+    return worlds_drawn
 
 
 def scenes() -> dict[str, str]:
     """Returns what the scenes of each family of the page are called."""
-    found = {}
+    calls = {}
     for key in (f"{spec.kind}: {name}" for spec in IN_PAGE.values() for name in spec.families):
         stem, _, count = key.rpartition("_")
         if called := SCENES.get(key) or SCENES.get(stem):
-            found[key] = called.format(count)
-    return found
+            calls[key] = called.format(count)
+    return calls
 
 
 def unable() -> dict[str, list[str]]:
@@ -242,7 +242,7 @@ def preview(address: str) -> str:
     return "\n".join([f'<meta name="description" content="{html.escape(ABOUT)}">', *tags])
 
 
-def told() -> dict[str, Any]:
+def setup() -> dict[str, Any]:
     """Returns what the page is told besides its scenes; links lead to the site where its address is known."""
     return {
         "opening": OPENING,
@@ -273,7 +273,7 @@ def page() -> str:
     how = [["version", version("wayfield")], ["commit", (commit() or "not known").replace("-dirty", ", and changes")]]
     how += [["licence", "MIT"], ["made", datetime.date.today().isoformat()]]
     how += [["address", f"{site()}/demo.html"]] if site() else []
-    text = rendered(TITLE, content, how, BUDGET, {"demo": told()}, AGENTS_THERE, preview(site()))
+    text = rendered(TITLE, content, how, BUDGET, {"demo": setup()}, AGENTS_THERE, preview(site()))
     if len(text.encode()) > BUDGET:
         raise ValueError(f"the page has {len(text.encode()):,} bytes; at most {BUDGET:,} may be")
     return text

@@ -18,11 +18,11 @@ import wayfield.policies
 from wayfield.benchmarks.commands.contest_options import (
     DOCUMENTS,
     DYNAMICS,
-    KEPT,
     PAPERS,
     QUICK,
     QUICK_FAMILIES,
     QUICK_POLICIES,
+    STORED,
     Options,
     WrongOption,
 )
@@ -60,7 +60,7 @@ from wayfield.benchmarks.entrants.public_suites import PUBLIC, racetrack_courses
 from wayfield.benchmarks.leaderboards.document_tables import document_tables, ranked, reproduced
 from wayfield.benchmarks.leaderboards.terminal import MOST_LINES, print_short
 from wayfield.benchmarks.papers import CLAIMS
-from wayfield.benchmarks.papers.claim import drive, of_rows, told, train, written
+from wayfield.benchmarks.papers.claim import drive, lines_of, of_rows, train, written
 from wayfield.benchmarks.records.cases import Case
 from wayfield.benchmarks.records.episode import Episodes
 from wayfield.benchmarks.records.replays import drive_of, write_drives
@@ -227,7 +227,7 @@ figures (.svg, .png). Give the same command again to continue an interrupted run
 @click.option(
     "--keep-trajectories",
     "keep",
-    type=Choice("--keep-trajectories", KEPT),
+    type=Choice("--keep-trajectories", STORED),
     help="Trajectories to keep in a contest: poses of the three worst of each entry, or all, with speeds and errors; "
     "suite documents keeps all.  [default: worst]",
 )
@@ -446,8 +446,8 @@ def run_papers(options: Options) -> None:
             raise click.ClickException(f"claim {claim.name}: {error}") from error
     folder.mkdir(parents=True, exist_ok=True)
     write_whole(folder / f"{claim.name}.csv", written(rows))
-    found, sides, strata = of_rows(claim, rows)
-    for line in told(claim, found, sides, len(strata)):
+    finding, sides, strata = of_rows(claim, rows)
+    for line in lines_of(claim, finding, sides, len(strata)):
         say(line)
     say(f"Episodes: {folder / claim.name}.csv")
 

@@ -23,7 +23,7 @@ def _chosen(what: str, words: Sequence[str], known: Mapping[str, str]) -> list[s
         words: as they were typed.
         known: the task or drive of each name, which a word may be as well.
     """
-    found = set() if words else set(known)
+    chosen = set() if words else set(known)
     for word in words:
         hits = {word} & known.keys() or {name for name, more in known.items() if word in name or word in more.split()}
         if not hits:
@@ -31,8 +31,8 @@ def _chosen(what: str, words: Sequence[str], known: Mapping[str, str]) -> list[s
                 choose(what, word, known)
             except ValueError as error:
                 raise click.UsageError(str(error)) from None
-        found |= hits
-    return [name for name in known if name in found]
+        chosen |= hits
+    return [name for name in known if name in chosen]
 
 
 @click.command("policies", cls=OneLineErrors)

@@ -161,17 +161,17 @@ def driven_today(submission: Submission, split: str) -> Submission:
     """Returns an entry of the package on a split, as its policy drives there today; Refused if it has no such gains."""
     first = submission.first
     contest, robot, level = ALL_CONTESTS[first["contest"]], first["robot"], first["disturbance"]
-    found: list[Row] = []
+    rows: list[Row] = []
     for family in contest.families(first["dynamics"]):
         first_seed, count = seed_of(0, split, family), splits.SPLITS[split]
         for case in contest.cases(robot, Course(family, split), Entrants((first["policy"],), _SETS), level):
             if case.gains_name == first["gains_name"]:
                 conditions = first["dynamics"], first["actuators"], first_seed, count
-                found += _texts([row for row, _ in played(Setting(first["suite"], case, *conditions))])
-    if not found:
+                rows += _texts([row for row, _ in played(Setting(first["suite"], case, *conditions))])
+    if not rows:
         raise Refused(f"{_name(first)!r} is no entry of this version: its gains are others")
-    columns = [name for name in found[0] if any(row[name] for row in found)]
-    return _of_rows([{name: row[name] for name in columns} for row in found], None)
+    columns = [name for name in rows[0] if any(row[name] for row in rows)]
+    return _of_rows([{name: row[name] for name in columns} for row in rows], None)
 
 
 def content(submission: Submission) -> dict[str, bytes]:
@@ -420,7 +420,7 @@ def _is_own(row: Row) -> bool:
 def other_code(submission: Submission, entrant: Entrant | None) -> str:
     """Returns how code and policy here differ from those that drove, and since when results moved; "" of the same."""
     card = submission.card
-    found = []
+    reasons = []
     theirs = {name: version for name, version in card["versions"].items() if name != "commit"}
     ours = identity()
     # of the same code too: whoever wrote the card may have had, or claim, other packages
@@ -429,12 +429,12 @@ def other_code(submission: Submission, entrant: Entrant | None) -> str:
         there, here = card["versions"].get("commit") or "unknown", commit() or "unknown"
         moved = _moved(there, card["entry"]["contest"]) if here != "unknown" else ""
         since = f"; published results of the contest moved from commit {moved} on" if moved else ""
-        found.append(f"it was driven by other code ({other}; commit {there:.40} there, {here} here{since})")
+        reasons.append(f"it was driven by other code ({other}; commit {there:.40} there, {here} here{since})")
     elif other:
-        found.append(f"its card names other versions ({other})")
+        reasons.append(f"its card names other versions ({other})")
     if entrant is not None and getattr(entrant, "digest", "") != card["policy"]:
-        found.append("the policy is another file than the one that drove")
-    return "; ".join(found)
+        reasons.append("the policy is another file than the one that drove")
+    return "; ".join(reasons)
 
 
 def _moved(there: str, contest: str) -> str:
@@ -458,7 +458,7 @@ def drawn(count: int, most: int | None, seed: int) -> list[int]:
     return random.Random(seed).sample(range(count), count if most is None else min(most, count))
 
 
-def least_found(count: int, driven: int) -> int:
+def least_seen(count: int, driven: int) -> int:
     """Returns the least number of forged episodes among `count` of which `driven` drawn ones meet one in 19 of 20."""
     missed, forged = 1.0, 0
     while missed > 0.05:
@@ -535,8 +535,8 @@ def _driven(setting: Setting) -> dict[str, Row]:
 
 
 def _texts(rows: Sequence[Mapping[str, Any]]) -> list[Row]:
-    found = Episodes(rows)
-    columns = {name: found.texts(name) for name in found.names}
+    episodes = Episodes(rows)
+    columns = {name: episodes.texts(name) for name in episodes.names}
     return [dict(zip(columns, cells, strict=True)) for cells in zip(*columns.values(), strict=True)]
 
 

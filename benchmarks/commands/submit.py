@@ -11,7 +11,7 @@ from wayfield.benchmarks.commands.submission import (
     differing,
     draw_seed,
     drawn,
-    least_found,
+    least_seen,
     made,
     other_code,
     read_submission,
@@ -89,6 +89,6 @@ def verify(folder: Path, every: bool, most: int, seed: int | None, seconds: floa
     count, driven = len(submission.rows), len(numbers)
     outcome = f"{driven} of {count} episodes were driven again, each the same to the last bit"
     if driven < count:
-        forged = least_found(count, driven)
+        forged = least_seen(count, driven)
         outcome += f"; drawn with --seed {seed}, which meets one of {forged} forged episodes with 95 % probability"
     print(f"{folder}: {outcome}{f', though {other}' if other else ''}")

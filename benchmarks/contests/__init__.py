@@ -9,8 +9,8 @@ from collections.abc import Mapping
 
 from wayfield.benchmarks.contests.barn import CHALLENGE, OWN_SPEED
 from wayfield.benchmarks.contests.contest import (
+    COMPLETE,
     COST,
-    FOUND,
     GAINS_NAMES,
     HAND_TUNED,
     OWN_SPLIT,
@@ -41,12 +41,12 @@ from wayfield.benchmarks.contests.trajectory_tracking import TRAJECTORY_TRACKING
 __all__ = [
     "ALL_CONTESTS",
     "ANY",
+    "COMPLETE",
     "CONTESTS",
     "COST",
     "CROSS",
     "CROWD_SUITES",
     "DISTURBANCES",
-    "FOUND",
     "FRONT_SCENARIOS",
     "GAINS",
     "GAINS_NAMES",

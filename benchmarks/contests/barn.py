@@ -23,8 +23,8 @@ BEAMS, ANGLE, RANGE = 720, math.radians(270.0), 30.0  # of its scanner, m
 _NOTES = (
     "Start, goal, tolerance (1 m), clock (100 s, from the first 0.1 m) and the formula are the challenge's: a score of "
     "success x OT/clip(T, 2 OT, 8 OT), as from 2024 on, or clip(T, 4 OT, 8 OT), as in 2022, with OT the published path "
-    "and both end legs at {speed:g} m/s. Entries with a cruising speed are asked for {asked:g} m/s, and SCT is against "
-    "that; the score is full from a mean of {half:g} m/s on. Families are worlds by their numbers, which go "
+    "and both end legs at {speed:g} m/s. Entries with a cruising speed are asked for {target:g} m/s, and SCT is "
+    "against that; the score is full from a mean of {half:g} m/s on. Families are worlds by their numbers, which go "
     "by difficulty. A score at its ceiling, 0.5, ranks nobody: entries are ranked by success and SCT. Beside them "
     "stand the share of worlds at the ceiling, by how many seconds a success is later than the ceiling asks for, the "
     "mean of the least clearances and the smallest of all. A simulation without Gazebo: scores are a proxy of the "
@@ -54,7 +54,7 @@ CHALLENGE = dataclasses.replace(
     ),
     ranked=(("success", -1.0), ("sct", -1.0)),  # a score at its ceiling ranks nobody
     notes=_NOTES.format(
-        speed=SPEED, asked=TARGET, half=0.5 * SPEED, robot="The Jackal's hull is its rectangle of 0.508 m by 0.43 m. "
+        speed=SPEED, target=TARGET, half=0.5 * SPEED, robot="The Jackal's hull is its rectangle of 0.508 m by 0.43 m. "
     ),
     on_request=ON_REQUEST,
     label="barn",
@@ -77,7 +77,7 @@ OWN_SPEED = dataclasses.replace(
     env_kwargs=GOAL_OBSTACLES.env_kwargs,
     notes=_NOTES.format(
         speed=PACE,
-        asked=PACE,
+        target=PACE,
         half=0.5 * PACE,
         robot="The robot and its scan are those of goal reaching, not the challenge's. ",
     ),

@@ -36,7 +36,7 @@ TRAINED = ("ppo", "hybrid", "team_guided", "team_scan", "people_free")  # with a
 DEGREES = 180.0 / math.pi
 FAULTS_NOTE = "Clearance is that of the hull; faults are moments in which a policy had to fall back on something else."
 HAND_TUNED: Mapping[str, str] = {"tuned": "hand-tuned", "robust": "hand-tuned, disturbed"}  # what such a set is called
-FOUND = (*HAND_TUNED, *HAND_TUNED.values())  # sets that are complete, with the speed that was asked for
+COMPLETE = (*HAND_TUNED, *HAND_TUNED.values())  # sets that are complete, with the speed that was asked for
 GAINS_NAMES = ("default", "tuned", "robust", "paper", "best", "trained", "own", *HAND_TUNED.values())
 _REACTIVE = {
     "patience": math.inf,
@@ -292,7 +292,7 @@ class Contest:
         conditions |= self.seen(size)
         requested = self.rules.speed if speed is None and self.rules else speed
         for name, gains_name, gains, entrant, beside in self._crossed(robot, entrants, requested):
-            if requested is not None and gains_name not in FOUND:
+            if requested is not None and gains_name not in COMPLETE:
                 at_speed = _cruising(name, gains, entrant, requested)
                 if at_speed is None and speed is not None:
                     continue
@@ -365,12 +365,12 @@ class Contest:
             for seed in self.agents_of(name, robot.name) if ships else ():
                 yield "trained", {"seed": seed}
             return
-        found = {}
+        sets = {}
         for gains_name, level in (("tuned", "none"), ("robust", ROBUST_LEVEL)):
             if gains_name in gains_names or (gains_name == "tuned" and "best" in gains_names):
-                found[gains_name] = tuned_set(name, self.gains_suite, robot.name, pace, level) if ships else None
-        better = {gains_name: each for gains_name, each in found.items() if each and each.chosen != "default"}
-        if "default" in gains_names or ("tuned" in found and "tuned" not in better):
+                sets[gains_name] = tuned_set(name, self.gains_suite, robot.name, pace, level) if ships else None
+        better = {gains_name: each for gains_name, each in sets.items() if each and each.chosen != "default"}
+        if "default" in gains_names or ("tuned" in sets and "tuned" not in better):
             yield "default", {}
         given: list[Mapping[str, Any]] = []
         for gains_name, each in better.items():
@@ -439,15 +439,15 @@ def left_out(contests: Sequence[Contest], robot: Robot) -> list[str]:
     """Returns which entrants of contests a robot leaves out: a line for each thing that they need, one for agents."""
     names = dict.fromkeys(name for each in contests for name in each.policies if name not in each.on_request)
     lacking = {name: lacks(policies.make(name), robot) for name in names}
-    found = {
+    reasons = {
         f"since they need a robot that {words}": [name for name in names if need in lacking[name]]
         for need, words in NEEDS.items()
     }
     agents = [name for name in names if name in TRAINED and not lacking[name]]
-    found["of which no agent ships"] = [
+    reasons["of which no agent ships"] = [
         name for name in agents if not any(any(each.gain_sets(name, robot, ())) for each in contests)
     ]
-    return [f"left out with {robot.name!r}, {why}: {', '.join(those)}" for why, those in found.items() if those]
+    return [f"left out with {robot.name!r}, {why}: {', '.join(those)}" for why, those in reasons.items() if those]
 
 
 def _cruising(name: str, gains: Mapping[str, Any], entrant: Entrant | None, speed: float) -> dict[str, Any] | None:

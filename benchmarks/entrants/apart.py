@@ -74,8 +74,8 @@ class Apart:
 
     def request(self, first: bool, *words: Any) -> tuple[dict[str, Any], NDArray[np.float64]]:
         """Returns the answer to a request, and its numbers."""
-        found = self._request(FIRST_SECONDS if first else self._seconds, *words)
-        return found, np.frombuffer(self._received(self._seconds, words[0]))
+        answer = self._request(FIRST_SECONDS if first else self._seconds, *words)
+        return answer, np.frombuffer(self._received(self._seconds, words[0]))
 
     def _request(self, seconds: float, *words: Any) -> dict[str, Any]:
         try:
@@ -84,12 +84,12 @@ class Apart:
             raise self._ended() from None
         answer = self._received(seconds, words[0])
         try:
-            found = json.loads(answer)
+            reply = json.loads(answer)
         except (ValueError, RecursionError) as error:
             raise ValueError(f"{self.name!r}: {words[0]} gave no answer that can be read: {error}") from None
-        if not isinstance(found, dict) or "error" in found:
-            raise ValueError(str(found["error"]) if isinstance(found, dict) else f"{self.name!r} says {shown(found)}")
-        return found
+        if not isinstance(reply, dict) or "error" in reply:
+            raise ValueError(str(reply["error"]) if isinstance(reply, dict) else f"{self.name!r} says {shown(reply)}")
+        return reply
 
     def _received(self, seconds: float, what: str) -> bytes:
         try:
@@ -120,19 +120,19 @@ class _RemotePolicy:
 
     def act(self, observation: Any, briefing: Briefing, memory: NDArray[Any]) -> NDArray[np.float64]:
         """Returns its twists (b, t), and counts in the memory; ValueError if they are none, as `Checked` has them."""
-        found, twists = self._entrant.request(self._first, "act", observation)
+        answer, twists = self._entrant.request(self._first, "act", observation)
         self._first = False
         if twists.size != briefing.num_envs * len(briefing.robot.twist_axes) or not np.isfinite(twists).all():
             raise ValueError(f"{self._entrant.name!r}: act sent {twists.size} numbers that are no twists")
-        memory["no_path"] = found["faults"]
+        memory["no_path"] = answer["faults"]
         return twists.reshape(briefing.num_envs, -1)
 
 
 def _types(names: list[str]) -> tuple[type, ...]:
     """Returns those of the named types that are observations of ours."""
     loaded = {name: module for name, module in sys.modules.items() if name.startswith("wayfield.envs.")}
-    found = [getattr(loaded.get(each.rpartition(".")[0]), each.rpartition(".")[2], None) for each in names]
-    return tuple(each for each in found if isinstance(each, type))
+    classes = [getattr(loaded.get(each.rpartition(".")[0]), each.rpartition(".")[2], None) for each in names]
+    return tuple(each for each in classes if isinstance(each, type))
 
 
 # ---- in the other process

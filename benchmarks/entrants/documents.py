@@ -95,12 +95,12 @@ def _document_b() -> Iterator[Case]:
         )
     for policy in FLOOR:
         yield Case("B", course, GOAL_REACHING, "omni3_waypoints", policy, arrival_radius=0.25)
-    yield _kept(keeping, "waypoint", {"lam": 1.0})
+    yield _keeping(keeping, "waypoint", {"lam": 1.0})
     for policy in FLOOR:
-        yield _kept(keeping, policy, {})
+        yield _keeping(keeping, policy, {})
 
 
-def _kept(experiment: str, policy: str, gains: Mapping[str, float]) -> Case:
+def _keeping(experiment: str, policy: str, gains: Mapping[str, float]) -> Case:
     """Returns station keeping: experiment 1, then 8 s into it a push of 1.4 m and 1 rad."""
     return Case(
         "B",

@@ -82,14 +82,14 @@ class OwnClass:
 
     def _made(self, gains: Mapping[str, Any]) -> Any:
         module = imported(self.module)
-        found = getattr(module, self.attribute, None)
-        if found is None:
+        maker = getattr(module, self.attribute, None)
+        if maker is None:
             hint = suggestion(self.attribute, [each for each in vars(module) if not each.startswith("_")])
             raise ValueError(f"{self.name!r}: {module.__file__} has no {self.attribute!r}.{hint}")
-        if not callable(found):
-            raise ValueError(f"{self.name!r} is {shown(found)}; it must be a class that makes a policy")
+        if not callable(maker):
+            raise ValueError(f"{self.name!r} is {shown(maker)}; it must be a class that makes a policy")
         try:
-            return found(**gains)
+            return maker(**gains)
         except Exception as error:
             given = " ".join(f"{key}={value}" for key, value in gains.items()) or "no gains"
             raise ValueError(f"{self.name!r} cannot be made with {given}: {_line_of(error)}") from error
@@ -321,14 +321,14 @@ def sources() -> dict[str, str]:
     They are all modules but those of Python, of installed packages and of wayfield, whoever imported them: a policy's
     own, its helpers, and what it imported while it acted. A file's digest is that of when it was first seen here.
     """
-    found = {}
+    digests = {}
     for name, module in sorted(sys.modules.items()):
         known = getattr(module, "__wayfield_digest__", "")
         if known and isinstance(known, str):  # sent from another machine; torch.classes has an attribute of any name
-            found[name] = known
+            digests[name] = known
         elif (file := _own_file(name)) is not None:
-            found[name] = _SEEN.setdefault(str(file), file_digest(file))
-    return found
+            digests[name] = _SEEN.setdefault(str(file), file_digest(file))
+    return digests
 
 
 def changed_source(loaded: Mapping[str, str]) -> str:
@@ -553,12 +553,12 @@ def _algorithm(data: Any) -> str:
     """Returns the algorithm that the data of a model was written by, as its policy's module and options tell; or ""."""
     if not isinstance(data, dict) or not isinstance(data.get("policy_class"), dict):
         return ""
-    found = re.search(r"stable_baselines3\.(\w+)\.policies", str(data["policy_class"].get("__module__")))
-    if found is None:
+    match = re.search(r"stable_baselines3\.(\w+)\.policies", str(data["policy_class"].get("__module__")))
+    if match is None:
         return ""
-    if found[1] == "common":
+    if match[1] == "common":
         return "PPO" if "clip_range" in data else "A2C"
-    return found[1].upper() if found[1].upper() in ALGORITHMS else ""
+    return match[1].upper() if match[1].upper() in ALGORITHMS else ""
 
 
 @functools.lru_cache(maxsize=16)

@@ -85,11 +85,11 @@ def own_scenario(file: str, scale: float | None = None) -> OwnScenario:
 
 def _digests(file: str) -> str:
     """Returns the SHA-256 of a scenario's file, and of its map's; what is wrong with them, their reader will say."""
-    found = [file]
+    files = [file]
     with contextlib.suppress(ValueError):
         if file.lower().endswith(".json") and (map_file := json_object(file).get("map")) is not None:
-            found += map_files(file, map_file)
-    return " ".join(file_digest(Path(each)) for each in found if os.path.isfile(each))
+            files += map_files(file, map_file)
+    return " ".join(file_digest(Path(each)) for each in files if os.path.isfile(each))
 
 
 @functools.lru_cache(maxsize=1024)
@@ -197,8 +197,8 @@ def own_courses(folder: str, scale: float | None, robot: AnyRobot) -> tuple[Cont
     own = [own_scenario(str(file), scale if OF_KIND[kind_of(str(file))].spec.on_path else None) for file in files]
     kinds = {each.contest.spec.kind: file.name for each, file in zip(own, files, strict=True)}
     if len(kinds) > 1:
-        found = " and ".join(f"a {kind} ({name})" for kind, name in kinds.items())
-        raise ValueError(f"{folder!r} holds {found}; a contest needs files of one kind")
+        mixture = " and ".join(f"a {kind} ({name})" for kind, name in kinds.items())
+        raise ValueError(f"{folder!r} holds {mixture}; a contest needs files of one kind")
     stems: dict[str, str] = {}
     for file in files:
         if file.stem in stems:

@@ -152,19 +152,19 @@ def movingai_courses(folder: str, robot: Robot) -> tuple[Course, ...]:
 
 def _those_that_can(course: Callable[[Path], Course], places: list[Path], what: str) -> tuple[Course, ...]:
     """Returns the course of each place and warns of those that have none; ValueError where none has one."""
-    found, problems = [], []
+    courses, problems = [], []
     for place in places:
         try:
-            found.append(course(place))
+            courses.append(course(place))
         except ValueError as error:
             problems.append(str(error))
-    if not found:
+    if not courses:
         raise ValueError(problems[0])
     for problem in problems:
         warnings.warn(
-            f"{problem}; it is left out, {len(found)} of {len(places)} {what} are driven", FileNote, stacklevel=3
+            f"{problem}; it is left out, {len(courses)} of {len(places)} {what} are driven", FileNote, stacklevel=3
         )
-    return tuple(found)
+    return tuple(courses)
 
 
 def _clock(length: float, speed: float) -> int:

@@ -84,8 +84,8 @@ class ValueNetwork:
             rows = due[counts == count]
             for first in range(0, len(rows), MOST_AT_ONCE):
                 some = rows[first : first + MOST_AT_ONCE]
-                found = self.decided(observation, some, int(count), briefing.robot.hull_radius)
-                memory["vx"][some], memory["vy"][some] = found.T
+                velocities = self.decided(observation, some, int(count), briefing.robot.hull_radius)
+                memory["vx"][some], memory["vy"][some] = velocities.T
         memory["left"][due] = max(round(self.period / briefing.dt), 1)
         memory["left"] -= 1
         x, y = rotated(np.column_stack([memory["vx"], memory["vy"]]), -observation.pose[:, 2]).T
@@ -229,8 +229,8 @@ def unpickled(file: str) -> Mapping[str, Any]:
     )
     try:
         with warnings.catch_warnings(action="ignore"):
-            found = torch.load(file, map_location="cpu", weights_only=True)
-        return {name: tensor.numpy() for name, tensor in found.items()}
+            tensors = torch.load(file, map_location="cpu", weights_only=True)
+        return {name: tensor.numpy() for name, tensor in tensors.items()}
     except OSError as error:
         raise ValueError(f"{file!r} cannot be read: {unread(file, error)}") from None
     except Exception as error:  # as many kinds as there are damages; PyTorch's advice is to read what runs code

@@ -30,7 +30,7 @@ CLOSE = 0.5  # m: Francis et al. 2023
 DANGER = 0.2  # m, between hulls: CrowdNav's
 AHEAD = 1.25  # s, of AttnGraph's intrusion
 WALL, ROBOT, PERSON = 1, 2, 3  # what `touched` says
-_KEPT = (
+_FIELDS = (
     *("steps", "x", "y", "heading", "vx", "vy", "yaw_rate", "saturated", "clearance", "gap"),
     *("wheel_vx", "wheel_vy", "wheel_yaw_rate"),
 )
@@ -90,11 +90,11 @@ class World:
 
 def _over(robot: Trajectory, count: int, stays: bool) -> Array:
     """Returns where a robot is in `count` moments, (count, 2): NaN once it has left."""
-    found = np.full((count, 2), np.nan)
-    found[: len(robot.poses)] = robot.poses[:, :2]
+    places = np.full((count, 2), np.nan)
+    places[: len(robot.poses)] = robot.poses[:, :2]
     if stays:
-        found[len(robot.poses) :] = robot.poses[-1, :2]
-    return found
+        places[len(robot.poses) :] = robot.poses[-1, :2]
+    return places
 
 
 # ---- the drive
@@ -123,13 +123,13 @@ def roll_out_worlds(
     numbers = numbers or range(episodes)
     chosen = list(members) or [k % len(bank) for k in numbers]
     at_once = max(1, AT_ONCE // team)
-    found: list[World] = []
+    worlds: list[World] = []
     for first in range(0, len(numbers), at_once):
         some = chosen[first : first + at_once]
         env = make_vector(case, dynamics, actuators, len(some) * team)
-        found += _driven(env, case, [seed + k for k in numbers[first : first + at_once]], some, seed)
+        worlds += _driven(env, case, [seed + k for k in numbers[first : first + at_once]], some, seed)
         env.close()
-    return found
+    return worlds
 
 
 def _driven(env: Any, case: Case, seeds: Sequence[int], chosen: Sequence[int], policy_seed: int) -> Iterator[World]:
@@ -149,7 +149,7 @@ def _driven(env: Any, case: Case, seeds: Sequence[int], chosen: Sequence[int], p
     for pilot in pilots:
         pilot.reset()
     briefing = env.briefing("map")
-    dtype = np.dtype([(name, np.float64) for name in _KEPT])
+    dtype = np.dtype([(name, np.float64) for name in _FIELDS])
     history = np.empty((case.max_episode_steps + 1, rows), dtype)
     people = np.empty((case.max_episode_steps + 1, len(seeds), task.most_people, 5))
     lengths = np.zeros(rows, np.int64)
@@ -158,7 +158,7 @@ def _driven(env: Any, case: Case, seeds: Sequence[int], chosen: Sequence[int], p
     faults = np.zeros(rows, np.int64)
 
     def note(step: int) -> None:
-        for name in _KEPT:
+        for name in _FIELDS:
             history[name][step] = batch.states[name]
         if task.most_people:
             people[step] = task.walking(batch.own)
@@ -387,5 +387,5 @@ def _later(world: World) -> float:
 
 
 def _mean(values: Sequence[float]) -> float:
-    found = np.array(values, np.float64)
-    return float(np.nanmean(found)) if not np.isnan(found).all() else math.nan
+    numbers = np.array(values, np.float64)
+    return float(np.nanmean(numbers)) if not np.isnan(numbers).all() else math.nan

@@ -123,8 +123,8 @@ def _held_from(trajectory: Trajectory) -> int | None:
     starts = np.arange(max(len(near) - periods, 0))
     stays = outside[starts + periods + 1] == outside[starts]
     begun = along[starts + periods] - along[starts] >= HELD_ALONG
-    found = np.flatnonzero(stays & begun)
-    return int(found[0]) if len(found) else None
+    steps = np.flatnonzero(stays & begun)
+    return int(steps[0]) if len(steps) else None
 
 
 def mean_over_arc_length(values: Array, arc_lengths: Array) -> float:
@@ -194,7 +194,7 @@ def arrivals(trajectory: Trajectory, radius: float) -> dict[str, float]:
 
     With the last arrival come the path length and the absolute heading error there.
     """
-    found = {f"arrival_time_{j + 1}": math.nan for j in range(len(trajectory.goals))}
+    columns = {f"arrival_time_{j + 1}": math.nan for j in range(len(trajectory.goals))}
     k = 0
     for j, (x, y, heading) in enumerate(trajectory.goals.tolist()):
         distance = np.hypot(trajectory.poses[k:, 0] - x, trajectory.poses[k:, 1] - y)
@@ -202,11 +202,11 @@ def arrivals(trajectory: Trajectory, radius: float) -> dict[str, float]:
         if not len(inside):
             break
         k += int(inside[0])
-        found[f"arrival_time_{j + 1}"] = float(trajectory.times[k] - trajectory.times[0])
+        columns[f"arrival_time_{j + 1}"] = float(trajectory.times[k] - trajectory.times[0])
         if j == len(trajectory.goals) - 1:
-            found["arrival_path_length"] = path_length(trajectory.poses[: k + 1])
-            found["arrival_heading_error"] = _turn(heading - float(trajectory.poses[k, 2]))
-    return found
+            columns["arrival_path_length"] = path_length(trajectory.poses[: k + 1])
+            columns["arrival_heading_error"] = _turn(heading - float(trajectory.poses[k, 2]))
+    return columns
 
 
 def effort(trajectory: Trajectory) -> float:

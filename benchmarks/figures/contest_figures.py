@@ -54,15 +54,15 @@ def wanted_figures(folder: Path, rows: Episodes, ladder: bool) -> list[tuple[Pat
         ValueError: if the rows are not those of a contest of this version.
     """
     check_columns(rows)
-    found = []
+    figures = []
     for (name, robot), mine in rows.groups("contest", "robot").items():
         if ladder:
-            found.append((folder, name, robot, "ladder"))
+            figures.append((folder, name, robot, "ladder"))
             continue
-        found += [(folder, name, robot, figure) for figure in ("families", "worst")]
+        figures += [(folder, name, robot, figure) for figure in ("families", "worst")]
         if "front" in mine.unique("split"):
-            found.append((folder, name, robot, "front"))
-    return found
+            figures.append((folder, name, robot, "front"))
+    return figures
 
 
 def families(contest: Contest, rows: Episodes, folder: Path) -> Figure:
@@ -134,15 +134,15 @@ def front(contest: Contest, rows: Episodes, folder: Path) -> Figure:
         if name is None:
             axis.axis("off")
             continue
-        for entry, found in points.items():
+        for entry, curve in points.items():
             if entry[0] != name:
-                axis.plot([each.pace for each in found], [each.error for each in found], color="0.85", zorder=1)
+                axis.plot([each.pace for each in curve], [each.error for each in curve], color="0.85", zorder=1)
         for k, entry in enumerate(entry for entry in entries if entry[0] == name):
-            found = points[entry]
+            curve = points[entry]
             pace, error, lows, highs = (
-                np.array([getattr(point, each) for point in found]) for each in ("pace", "error", "low", "high")
+                np.array([getattr(point, each) for point in curve]) for each in ("pace", "error", "low", "high")
             )
-            lossy = np.array([point.lost for point in found])
+            lossy = np.array([point.lost for point in curve])
             axis.plot(pace, error, **look(k), label=entry[1], zorder=3)
             axis.fill_between(pace, lows, highs, color=colour(k), alpha=0.15, linewidth=0)
             axis.plot(pace[lossy], error[lossy], "o", color="white", markeredgecolor=colour(k), markersize=9, zorder=4)

@@ -66,14 +66,14 @@ def looks(experiments: Experiments) -> dict[str, dict[str, str]]:
     """
     runs = [row for group in experiments.values() for row, _ in group]
     names = list(dict.fromkeys(row["policy"] for row in runs))
-    found: dict[str, dict[str, str]] = {}
+    styles: dict[str, dict[str, str]] = {}
     taken: Counter[str] = Counter()
     for row in runs:
-        if (label := _label(row)) not in found:
+        if (label := _label(row)) not in styles:
             tint = colour(names.index(row["policy"]))
-            found[label] = {"color": tint, "linestyle": STYLES[taken[tint] % len(STYLES)]}
+            styles[label] = {"color": tint, "linestyle": STYLES[taken[tint] % len(STYLES)]}
             taken[tint] += 1
-    return found
+    return styles
 
 
 def stem_of(document: str) -> str:

@@ -111,8 +111,8 @@ class Place:
             if self.gains == "tuned" and env is not None:
                 task = env.unwrapped.task
                 named = shipped_name(task.robot)
-                found = tuned_set(source, task.spec.suite, named) if isinstance(named, str) else None
-                tuned = dict(found.gains) if found is not None else {}
+                best = tuned_set(source, task.spec.suite, named) if isinstance(named, str) else None
+                tuned = dict(best.gains) if best is not None else {}
             return make(source, **tuned | gains)
         except (OSError, TypeError, ValueError) as error:
             raise click.UsageError(f"{text!r}: {error}" if text not in str(error) else str(error)) from None
@@ -217,8 +217,8 @@ class Drive:
         """Returns what is seen now, with the look-ahead point where the policy has one."""
         policy = self.pilot.policy
         self.single.marks = chased(self.pilot, self.single) if isinstance(policy, Lookahead) else {}
-        found: Scene = dataclasses.replace(self.single.scene(), name=self.name)
-        return found
+        scene: Scene = dataclasses.replace(self.single.scene(), name=self.name)
+        return scene
 
     def ghost(self) -> Ghost:
         """Returns the robot and its trail as a ghost in the scene of another."""

@@ -16,15 +16,15 @@ _BESIDE = "beside "
 
 def crowd_tables(rows: Episodes, command: str) -> dict[str, Table]:
     """Returns, by the name of their file, the tables over several contests that the rows of a run allow."""
-    found: dict[str, Table] = {}
+    tables: dict[str, Table] = {}
     there = rows.where(split=COMPARED) if rows else rows
     for robot, mine in (there.groups("robot") if there else {}).items():
         if crossed := mine.where(contest=CROSS.name):
-            found[f"teams_{robot}_matrix"] = cross_table(robot, crossed, mine.where(contest=TEAMS.name), command)
+            tables[f"teams_{robot}_matrix"] = cross_table(robot, crossed, mine.where(contest=TEAMS.name), command)
         among = {name: each for name, each in mine.groups("contest").items() if _is_people(ALL_CONTESTS[name])}
         if len(among) > 1:
-            found[f"people_{robot}_matrix"] = people_table(robot, among, command)
-    return found
+            tables[f"people_{robot}_matrix"] = people_table(robot, among, command)
+    return tables
 
 
 def _is_people(contest: Contest) -> bool:

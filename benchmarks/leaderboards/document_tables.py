@@ -103,15 +103,15 @@ class Compared:
 def document_tables(rows: Episodes, cases: Iterable[Case]) -> list[Table]:
     """Returns a table for each document that the rows hold, and where there is one, what was compared and not met."""
     known = {case.key: case for case in cases}
-    found = [_table(document, mine, known) for document, mine in rows.groups("contest").items()]
+    tables = [_table(document, mine, known) for document, mine in rows.groups("contest").items()]
     shown = [each for each in compared(rows, known.values()) if each.printed or not each.met]
-    return [*found, _agreement_table(shown)] if shown else found
+    return [*tables, _agreement_table(shown)] if shown else tables
 
 
 def compared(rows: Episodes, cases: Iterable[Case]) -> list[Compared]:
     """Returns every figure of ours that a document prints, or that its equations have a reference solution for."""
     known = {case.key: case for case in cases}
-    found = []
+    pairs = []
     for (document, experiment, policy, gains, dynamics, _), group in _groups(rows, "contest").items():
         case = known.get((document, experiment, policy, gains))
         if case is None:
@@ -120,20 +120,20 @@ def compared(rows: Episodes, cases: Iterable[Case]) -> list[Compared]:
             for metric, figure in figures.items():
                 values = _known(group, metric)
                 ours = statistics.fmean(values) if len(values) else math.nan
-                found.append(
+                pairs.append(
                     Compared(case, dynamics, metric, figure, printed, ours, deviation(group, {metric: figure}))
                 )
-    return found
+    return pairs
 
 
 def reproduced(rows: Episodes, cases: Iterable[Case]) -> tuple[str, Table]:
     """Returns how well the documents are met, as a sentence and as a small table, a document on a plant a line."""
     known = list(cases)
-    found = compared(rows, known)
+    pairs = compared(rows, known)
     lines = []
-    for document in dict.fromkeys(each.case.contest for each in found):
+    for document in dict.fromkeys(each.case.contest for each in pairs):
         prints = any(case.published for case in known if case.contest == document)
-        of_document = [each for each in found if each.case.contest == document]
+        of_document = [each for each in pairs if each.case.contest == document]
         for plant in dict.fromkeys(each.dynamics for each in of_document):
             here = [each for each in of_document if each.dynamics == plant]
             of_equations = [each for each in here if not each.printed]
@@ -141,16 +141,16 @@ def reproduced(rows: Episodes, cases: Iterable[Case]) -> tuple[str, Table]:
             of_print = _share_met([each for each in here if each.printed]) if prints else "prints none"
             lines.append([document, plant, _share_met(of_equations), median, of_print])
     names = "; ".join(f"{key} = {TITLES[key].partition(': ')[2]}" for key in rows.unique("contest") if key in TITLES)
-    sentence = f"Reference papers: {names}{f'. {agreement(found)}' if found else f'; {len(rows)} runs.'}"
+    sentence = f"Reference papers: {names}{f'. {agreement(pairs)}' if pairs else f'; {len(rows)} runs.'}"
     header = ["paper", "plant", "reference met", "median off", "printed met"]
     return sentence, Table("The three reference papers", header, lines, "")
 
 
-def agreement(found: Sequence[Compared]) -> str:
+def agreement(pairs: Sequence[Compared]) -> str:
     """Returns on which plant how many reference solutions and how many printed means are met, in words."""
     sentences = []
-    for plant in dict.fromkeys(each.dynamics for each in found):
-        here = [each for each in found if each.dynamics == plant]
+    for plant in dict.fromkeys(each.dynamics for each in pairs):
+        here = [each for each in pairs if each.dynamics == plant]
         equations, means = ([each for each in here if each.printed is kind] for kind in (False, True))
         words = f"{_share_met(equations)} reference solutions of their equations"
         printed = f" and {_share_met(means)} average values printed in C" if means else ""
@@ -159,14 +159,14 @@ def agreement(found: Sequence[Compared]) -> str:
     return f"{met[0].upper()}{met[1:]} A and B print no values."
 
 
-def _share_met(found: Sequence[Compared]) -> str:
-    return f"{sum(each.met for each in found)} of {len(found)}" if found else ""
+def _share_met(pairs: Sequence[Compared]) -> str:
+    return f"{sum(each.met for each in pairs)} of {len(pairs)}" if pairs else ""
 
 
-def _agreement_table(found: Sequence[Compared]) -> Table:
+def _agreement_table(pairs: Sequence[Compared]) -> Table:
     """Returns every printed mean beside ours, and the reference solutions that are not met."""
     lines = []
-    for each in found:
+    for each in pairs:
         case = each.case
         column = next(column for column in _COLUMNS[case.contest] if each.metric in column.metrics)
         unit = column.header.partition("(")[2].rstrip(")")

@@ -145,12 +145,12 @@ def ended(rows: Episodes, how: str, contest: Contest) -> Array:
 
     One that failed in none of the other ways that the contest knows has run out of time.
     """
-    found = rows.numbers(how)
-    if how == TIMEOUT and np.isnan(found).all():
+    ends = rows.numbers(how)
+    if how == TIMEOUT and np.isnan(ends).all():
         others = [each.metric for each in contest.columns if each.metric in ENDINGS and each.metric != TIMEOUT]
-        found = 1.0 - rows["success"] - sum(rows.numbers(each) for each in others)
-    found = np.where(rows["success"] == 1.0, 0.0, found)
-    return np.full(len(rows), np.nan) if np.isnan(found).any() else found
+        ends = 1.0 - rows["success"] - sum(rows.numbers(each) for each in others)
+    ends = np.where(rows["success"] == 1.0, 0.0, ends)
+    return np.full(len(rows), np.nan) if np.isnan(ends).any() else ends
 
 
 def success_interval(rows: Episodes) -> tuple[float, float] | None:
@@ -192,13 +192,13 @@ def in_order(contest: Contest, entries: Mapping[Entry, Episodes]) -> list[Entry]
 
     def key(entry: Entry) -> tuple[float, ...]:
         rows = entries[entry]
-        found = [
+        keys = [
             solved_mean(rows, contest.cost.metric, contest)
             if metric == COST
             else sign * float(rows.numbers(metric).mean())
             for metric, sign in contest.ranked
         ]
-        return tuple(math.inf if math.isnan(each) else each for each in found)
+        return tuple(math.inf if math.isnan(each) else each for each in keys)
 
     return sorted(entries, key=key)
 
@@ -250,18 +250,18 @@ def cell(column: Column, rows: Episodes, contest: Contest) -> str:
     if column.successes_only:
         rows = successes(rows)
     numbers = measured(column, rows, contest)
-    found = numbers[~np.isnan(numbers)]
-    if not len(found):
+    known = numbers[~np.isnan(numbers)]
+    if not len(known):
         return ""
     reduce = REDUCTIONS[column.reduction]
     ends = None
-    if column.with_interval and len(found) == len(numbers):
+    if column.with_interval and len(known) == len(numbers):
         if column.reduction == "mean":  # of a score a failure has none
             counts = rows["failure_cost"].mean() if column.metric == COST or column.imputed else 0.0
             ends = mean_interval(rows, numbers, float(counts))
         else:
             ends = interval(*by_scenario(rows, numbers), reduce)
-    return _with_ends(float(reduce(found)), ends, column.factor, column.decimals)
+    return _with_ends(float(reduce(known)), ends, column.factor, column.decimals)
 
 
 def _with_ends(value: float, ends: tuple[float, float] | None, factor: float, decimals: int) -> str:
@@ -306,7 +306,7 @@ def gap(seen: Episodes | None, test: Episodes, contest: Contest) -> str:
 
 def grouped(rows: Sequence[Row], name: str) -> Mapping[str, list[Row]]:
     """Returns lines of text by what stands in a column, in the order in which that comes up."""
-    found: dict[str, list[Row]] = {}
+    groups: dict[str, list[Row]] = {}
     for row in rows:
-        found.setdefault(row[name], []).append(row)
-    return found
+        groups.setdefault(row[name], []).append(row)
+    return groups

@@ -93,7 +93,7 @@ def contest_tables(rows: Sequence[Row], decisions: Sequence[Row], command: str, 
     """
     rows, decisions = Episodes.of(rows), Episodes.of(decisions)
     check_columns(rows)
-    found: dict[str, Table] = {}
+    tables: dict[str, Table] = {}
     for contest in ALL_CONTESTS.values():
         for robot, mine in (rows.where(contest=contest.name).groups("robot") if rows else {}).items():
             stem = f"{contest.stem}_{robot}"
@@ -102,31 +102,31 @@ def contest_tables(rows: Sequence[Row], decisions: Sequence[Row], command: str, 
             larger = contest.spec.repertoire.size_of(mine[0]["split"])
             title += class_words(mine[0]["split"]) + (f" (scenes x {larger:.3g})" if larger != 1.0 else "")
             if ladder:
-                found[f"{stem}_ladder"] = ladder_table(contest, title, mine, command)
+                tables[f"{stem}_ladder"] = ladder_table(contest, title, mine, command)
                 if any(mine.unique("agent_seed")):
-                    found[f"{stem}_ladder_pairs"] = pairs_table(mine, command)
-                    found[f"{stem}_ladder_claims"] = claims_table(found[f"{stem}_ladder_pairs"], command)
+                    tables[f"{stem}_ladder_pairs"] = pairs_table(mine, command)
+                    tables[f"{stem}_ladder_claims"] = claims_table(tables[f"{stem}_ladder_pairs"], command)
                 continue
             tested = mine.where(split=COMPARED)
             test = Standings(contest.of_rows(tested), title, by_entry(tested), command)
             seen = by_entry(mine.where(split=f"{TRANSFER_SPLIT}{at}{hull}"))
-            found[stem] = standings_table(test, seen, decisions.where(robot=robot) if decisions else decisions)
-            found[f"{stem}_board"] = board_table(test, decisions.where(robot=robot) if decisions else decisions)
-            found[f"{stem}_told"] = disclosure_table(test)
-            found[f"{stem}_families"] = family_table(test)
+            tables[stem] = standings_table(test, seen, decisions.where(robot=robot) if decisions else decisions)
+            tables[f"{stem}_board"] = board_table(test, decisions.where(robot=robot) if decisions else decisions)
+            tables[f"{stem}_told"] = disclosure_table(test)
+            tables[f"{stem}_families"] = family_table(test)
             if any(mine.unique("tier")):
-                found[f"{stem}_tiers"] = tier_table(test)
+                tables[f"{stem}_tiers"] = tier_table(test)
             if contest.published:
-                found[f"{stem}_published"] = published_table(test)
-            found[f"{stem}_better"] = better_table(test.contest, title, test.entries, test.source)
-            found[f"{stem}_pairs"] = pairs_table(mine, command)
+                tables[f"{stem}_published"] = published_table(test)
+            tables[f"{stem}_better"] = better_table(test.contest, title, test.entries, test.source)
+            tables[f"{stem}_pairs"] = pairs_table(mine, command)
             swept = mine.where(split="front")
             if swept:
-                found[f"{stem}_front"] = front_table(contest, title, swept, command)
+                tables[f"{stem}_front"] = front_table(contest, title, swept, command)
             if any(mine.where(split=COMPARED).unique("agent_seed")):
-                found[f"{stem}_seeds"] = seed_table(test, seen)
-                found[f"{stem}_claims"] = claims_table(found[f"{stem}_pairs"], command)
-    return found | crowd_tables(rows, command)
+                tables[f"{stem}_seeds"] = seed_table(test, seen)
+                tables[f"{stem}_claims"] = claims_table(tables[f"{stem}_pairs"], command)
+    return tables | crowd_tables(rows, command)
 
 
 def ranked(standings: Standings) -> dict[Entry, Episodes]:

@@ -172,8 +172,8 @@ def by_scenes(contest: Contest, rows: Episodes) -> dict[str, Episodes]:
     known = {family for families in contest.scenes.values() for family in families}
     if not set(rows.unique("family")) <= known:
         return {"": rows}
-    found = {scenes: rows.where(family=families) for scenes, families in contest.scenes.items()}
-    return {scenes: mine for scenes, mine in found.items() if mine}
+    parts = {scenes: rows.where(family=families) for scenes, families in contest.scenes.items()}
+    return {scenes: mine for scenes, mine in parts.items() if mine}
 
 
 def _pairs(contest: Contest, condition: str, scenes: str, entries: Mapping[Entry, Episodes]) -> Iterator[Pair]:
@@ -290,15 +290,15 @@ def pairs_table(rows: Episodes, command: str) -> Table:
     return Table("Every pair", HEADER, lines, note)
 
 
-def _numbers(found: Difference, factor: float, decimals: int) -> list[str]:
-    values = [factor * each for each in (found.value, found.low, found.high)]
+def _numbers(difference: Difference, factor: float, decimals: int) -> list[str]:
+    values = [factor * each for each in (difference.value, difference.low, difference.high)]
     shown = ["" if math.isnan(each) else f"{each:+.{decimals}f}" for each in values]
-    return [*shown, "" if math.isnan(found.p) else f"{found.p:.3g}"]
+    return [*shown, "" if math.isnan(difference.p) else f"{difference.p:.3g}"]
 
 
-def claims_table(found: Table, command: str) -> Table:
+def claims_table(pairs: Table, command: str) -> Table:
     """Returns what trained agents win, lose and tie, of a table of pairs, corrected for all of its lines."""
-    rows = [dict(zip(found.header, line, strict=True)) for line in found.rows]
+    rows = [dict(zip(pairs.header, line, strict=True)) for line in pairs.rows]
     lines = [
         [row[CONDITION], row[SCENES], row[FIRST], row[OTHER], row[OTHER_ACCESS], *shown(row, each)]
         for row, each in zip(rows, judged(rows), strict=True)

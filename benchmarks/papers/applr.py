@@ -85,25 +85,25 @@ class Applr:
 
     def act(self, observation: Any, briefing: Briefing, memory: NDArray[Any]) -> Array:
         """Returns the twists (b, 2), m/s and rad/s."""
-        kept = memory["dwb"].copy()
+        parts = memory["dwb"].copy()
         due = np.flatnonzero(memory["held"] % HELD == 0)
         if len(due):
-            bearings = np.array([bearing(observation, kept["state"], i) for i in due.tolist()])
+            bearings = np.array([bearing(observation, parts["state"], i) for i in due.tolist()])
             memory["gains"][due] = chosen(self.folder, observation.ranges[due], bearings)
         memory["held"] += 1
         maps, seen, p = LAW.maps(briefing), Seen.of(observation, briefing), LAW.given(briefing).copy()
-        scan = Scan.of(LAW, observation, briefing, kept)
+        scan = Scan.of(LAW, observation, briefing, parts)
         for i, gains in enumerate(memory["gains"].tolist()):
             p.setflags(write=True)
             for name, value in zip(RANGES, gains, strict=True):
                 p[name] = value
             p.setflags(write=False)  # as DWB has it: another kind of array would be compiled anew
-            one = kept[i : i + 1]
+            one = parts[i : i + 1]
             costs = costs_of(briefing.robot.hull_radius, gains[-1])
             mine = scan._replace(ranges=scan.ranges[i : i + 1], older=one["older"], newer=one["newer"])
             LAW.decide(p, maps._replace(costs=costs), mine, Seen(*(each[i : i + 1] for each in seen)), one["state"])
-        memory["dwb"] = kept
-        return np.asarray(kept["state"]["command"][:, list(briefing.robot.twist_axes)])
+        memory["dwb"] = parts
+        return np.asarray(parts["state"]["command"][:, list(briefing.robot.twist_axes)])
 
 
 # its maps and records serve the greatest inflation radius; the gains that the network sets take the place of its own
@@ -125,13 +125,13 @@ def network(folder: str) -> list[tuple[Array, Array]]:
     """
     file = Path(folder) / WEIGHTS
     arrays, _ = read_arrays(file)
-    found = [arrays[f"{name}.{part}"] for name in LAYERS for part in ("weight", "bias") if f"{name}.{part}" in arrays]
+    parts = [arrays[f"{name}.{part}"] for name in LAYERS for part in ("weight", "bias") if f"{name}.{part}" in arrays]
     shapes = [(512, BEAMS + 1), (512,), (512, 512), (512,), (len(RANGES), 512), (len(RANGES),)]
-    if [each.shape for each in found] != shapes:
+    if [each.shape for each in parts] != shapes:
         there = ", ".join(f"{name} {each.shape}" for name, each in list(arrays.items())[:3])
         raise ValueError(f"{file} must have head.mlp.0.weight {shapes[0]} to fc.bias {shapes[-1]}, got {there}")
     return [
-        (each.astype(np.float64), bias.astype(np.float64)) for each, bias in zip(found[::2], found[1::2], strict=True)
+        (each.astype(np.float64), bias.astype(np.float64)) for each, bias in zip(parts[::2], parts[1::2], strict=True)
     ]
 
 
@@ -169,7 +169,7 @@ def fixed(gains: Mapping[str, float]) -> str:
     return f"{Nav2Dwb.__module__}:{Nav2Dwb.__name__} {' '.join(f'{name}={value}' for name, value in every.items())}"
 
 
-def found(home: Path) -> tuple[dict[str, float], float, int]:
+def searched_set(home: Path) -> tuple[dict[str, float], float, int]:
     """Returns fixed gains, their mean time (s) in training worlds, and the control periods driven: the search."""
     driven = []
 

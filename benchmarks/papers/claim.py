@@ -122,8 +122,8 @@ class Claim:
     @property
     def sides(self) -> dict[str, Side]:
         """Returns those that there are."""
-        found = {AGENT: self.agent, UNTUNED: self.untuned, TUNED: self.tuned, ALSO: self.also, BESIDE: self.beside}
-        return {name: side for name, side in found.items() if side is not None}
+        sides = {AGENT: self.agent, UNTUNED: self.untuned, TUNED: self.tuned, ALSO: self.also, BESIDE: self.beside}
+        return {name: side for name, side in sides.items() if side is not None}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -256,15 +256,15 @@ def gathered(rows: Iterable[Mapping[str, str]]) -> tuple[dict[str, Driven], list
     Raises:
         ValueError: if a side lacks rows.
     """
-    found: dict[str, dict[tuple[str, str], dict[str, tuple[float, float]]]] = {}
+    worlds: dict[str, dict[tuple[str, str], dict[str, tuple[float, float]]]] = {}
     for row in rows:
-        scene = found.setdefault(row["side"], {}).setdefault((row["family"], row["scene"]), {})
+        scene = worlds.setdefault(row["side"], {}).setdefault((row["family"], row["scene"]), {})
         scene[row["seed"]] = float(row["success"]), float(row["cost"] or "nan")
-    scenes = sorted(set.intersection(*(set(each) for each in found.values()))) if found else []
+    scenes = sorted(set.intersection(*(set(each) for each in worlds.values()))) if worlds else []
     if not scenes:
         raise ValueError("no scene was met by all sides")
     sides = {}
-    for name, by_scene in found.items():
+    for name, by_scene in worlds.items():
         seeds = sorted({seed for each in by_scene.values() for seed in each})
         table = np.array([[by_scene[scene][seed] for seed in seeds] for scene in scenes])
         sides[name] = Driven(table[:, :, 0], table[:, :, 1])
@@ -282,8 +282,8 @@ def gain(agent: Driven, rival: Driven, strata: Sequence[str], measure: Measure) 
     if not both.any():
         return Difference(math.nan, math.nan, math.nan, math.nan)
     scale = float(rival.cost[both].mean())
-    kept = [stratum for stratum, there in zip(strata, both, strict=True) if there]
-    return difference(-agent.cost[both] / scale, -rival.cost[both] / scale, kept)
+    strata_of_both = [stratum for stratum, there in zip(strata, both, strict=True) if there]
+    return difference(-agent.cost[both] / scale, -rival.cost[both] / scale, strata_of_both)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -314,26 +314,26 @@ def judge(
         corrected: p against each side, corrected for all comparisons of a page; None: the claim stands alone.
     """
     margin = MARGINS[claim.measure]
-    found = {name: gain(sides[AGENT], each, strata, claim.measure) for name, each in sides.items() if name != AGENT}
-    ps = {name: each.p for name, each in found.items()} if corrected is None else corrected
+    gains = {name: gain(sides[AGENT], each, strata, claim.measure) for name, each in sides.items() if name != AGENT}
+    ps = {name: each.p for name, each in gains.items()} if corrected is None else corrected
     measured = math.nan
     if claim.gate is not None and UNTUNED in sides:
         here = sides[UNTUNED].share if claim.measure == "success" else sides[UNTUNED].mean_cost
         measured = here if claim.gate.calibrated is None else claim.gate.calibrated
         if not abs(measured - claim.gate.number) <= (1.0 if claim.measure == "success" else claim.gate.number) * margin:
-            return Finding(NO_VERDICT, found, ps, measured)
+            return Finding(NO_VERDICT, gains, ps, measured)
 
     def better(name: str) -> bool:
-        return name in found and found[name].low > 0.0 and ps[name] < SIGNIFICANT
+        return name in gains and gains[name].low > 0.0 and ps[name] < SIGNIFICANT
 
-    tuned = found.get(TUNED)
+    tuned = gains.get(TUNED)
     if better(TUNED):
-        verdict = HOLDS if ALSO not in found or better(ALSO) else OPEN
+        verdict = HOLDS if ALSO not in gains or better(ALSO) else OPEN
     elif tuned is None or not tuned.high <= margin or not claim.as_long:
         verdict = OPEN
     else:
         verdict = ONLY_UNTUNED if better(UNTUNED) else DOES_NOT_HOLD
-    return Finding(verdict, found, ps, measured)
+    return Finding(verdict, gains, ps, measured)
 
 
 LABELS = {AGENT: "claimed", UNTUNED: "(a)", TUNED: "(b)", ALSO: "(c)", BESIDE: "beside"}
@@ -360,7 +360,7 @@ def gate_words(claim: Claim, measured: float) -> str:
     return f"{here} {factor * measured:.1f} {unit}, {printed} ({claim.gate.words})"
 
 
-def told(claim: Claim, found: Finding, sides: Mapping[str, Driven], scenes: int) -> Iterator[str]:
+def lines_of(claim: Claim, finding: Finding, sides: Mapping[str, Driven], scenes: int) -> Iterator[str]:
     """Yields the lines of a claim: what was driven, what it comes to, and what differs."""
     yield claim.sentence
     yield f"  {claim.source}"
@@ -369,15 +369,15 @@ def told(claim: Claim, found: Finding, sides: Mapping[str, Driven], scenes: int)
     for name, side in claim.sides.items():
         seeds = f", {sides[name].success.shape[1]} seeds" if sides[name].success.shape[1] > 1 else ""
         yield f"  {LABELS[name]:8} {side.words}: success {measured_words(claim, sides[name])} (n = {scenes}{seeds})"
-    for name, each in found.gains.items() if found.verdict != NO_VERDICT else ():
+    for name, each in finding.gains.items() if finding.verdict != NO_VERDICT else ():
         yield f"  against {LABELS[name]}: {shown(each, claim.measure)}"
-    yield f"  gate: {gate_words(claim, found.measured)}"
-    yield f"  verdict: {found.verdict} (of this claim alone; docs/results/papers.md corrects for all claims)"
+    yield f"  gate: {gate_words(claim, finding.measured)}"
+    yield f"  verdict: {finding.verdict} (of this claim alone; docs/results/papers.md corrects for all claims)"
 
 
-def shown(found: Difference, measure: Measure) -> str:
+def shown(difference: Difference, measure: Measure) -> str:
     """Returns a difference with its interval, in points of success, or per cent less or more."""
-    value, ends = 100.0 * found.value, (100.0 * found.low, 100.0 * found.high)
+    value, ends = 100.0 * difference.value, (100.0 * difference.low, 100.0 * difference.high)
     if math.isnan(value):
         return "not known"
     sign, unit = "+", "points"

@@ -46,14 +46,14 @@ class Switch:
 
     def act(self, observation: Any, briefing: Briefing, memory: NDArray[Any]) -> NDArray[np.float64]:
         """Returns the twists (b, 2), m/s and rad/s."""
-        parts, kept = self._parts(briefing), {name: memory[name].copy() for name in ("dwa", "agent")}
-        twists = {name: each.act(observation, briefing, kept[name]) for name, each in parts.items()}
+        parts, states = self._parts(briefing), {name: memory[name].copy() for name in ("dwa", "agent")}
+        twists = {name: each.act(observation, briefing, states[name]) for name, each in parts.items()}
         hits = observation.ranges[:, :, None] * beam_directions(briefing)
         aside = np.abs(hits[:, :, 1]) < briefing.robot.hull_radius + ASIDE
         blocked = (aside & (hits[:, :, 0] > 0.0) & (hits[:, :, 0] < self.clearance)).any(axis=1)
         driven: NDArray[np.float64] = np.where(blocked[:, None], twists["agent"], twists["dwa"])
-        kept["dwa"]["state"]["command"][:, briefing.robot.twist_axes] = driven
-        for name, each in kept.items():
+        states["dwa"]["state"]["command"][:, briefing.robot.twist_axes] = driven
+        for name, each in states.items():
             memory[name] = each
         return driven
 

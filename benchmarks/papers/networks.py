@@ -48,10 +48,10 @@ class Networked:
         return str(self.seed)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
-        """Returns a memory (b,): the numbers, for how long they have held, and what `kept` says."""
+        """Returns a memory (b,): the numbers, for how long they have held, and what `more_memory` says."""
         robots = briefing.num_envs
         mine = {"held": np.zeros(robots, np.int64), "action": np.zeros((robots, self.actions))}
-        return together({**mine, **self.kept(briefing)})
+        return together({**mine, **self.more_memory(briefing)})
 
     def act(self, observation: Any, briefing: Briefing, memory: NDArray[Any]) -> Array:
         """Returns the twists (b, 2), m/s and rad/s."""
@@ -62,7 +62,7 @@ class Networked:
         memory["held"] += 1
         return self.driven(observation, briefing, memory)
 
-    def kept(self, briefing: Briefing) -> dict[str, NDArray[Any]]:
+    def more_memory(self, briefing: Briefing) -> dict[str, NDArray[Any]]:
         """Returns what it remembers beside, (b, ...)."""
         del briefing
         return {}
@@ -105,10 +105,10 @@ def layers(folder: str, weights: str, network: str) -> list[tuple[Array, Array]]
     arrays, _ = read_arrays(file)
     names = (f"{network}.{k}" for k in itertools.count())
     there = itertools.takewhile(lambda name: f"{name}.weight" in arrays, names)
-    found = [(arrays[f"{name}.weight"].astype(np.float64), arrays[f"{name}.bias"].astype(np.float64)) for name in there]
-    if not found:
+    parts = [(arrays[f"{name}.weight"].astype(np.float64), arrays[f"{name}.bias"].astype(np.float64)) for name in there]
+    if not parts:
         raise ValueError(f"{file} has no network of seed {network}")
-    return found
+    return parts
 
 
 def scanned(observation: Any, briefing: Briefing) -> Array:

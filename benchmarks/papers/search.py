@@ -21,11 +21,11 @@ def searched(
     study = optuna.create_study(sampler=optuna.samplers.TPESampler(seed=0))
     for gains in first:
         study.enqueue_trial(dict(gains))
-    found = []
+    tries = []
     for _ in range(sets):
         trial = study.ask()
         gains = {name: round(trial.suggest_float(name, *ends), 3) for name, ends in ranges.items()}
         worth = score(gains)
         study.tell(trial, worth)
-        found.append((worth, gains))
-    return [gains for _, gains in sorted(found, key=lambda each: each[0])]
+        tries.append((worth, gains))
+    return [gains for _, gains in sorted(tries, key=lambda each: each[0])]

@@ -98,8 +98,8 @@ def train(home: Path, lessons: Iterable[tuple[Networked, Mapping[str, Any]]], st
     arrays: dict[str, NDArray[Any]] = {}
     weights = ""
     for law, where in lessons:
-        found = trained(LessonEnv(law, law.seed, **where), law.seed, steps, **how)
-        arrays |= {f"{law.network}.{name}": each for name, each in found.items()}
+        network = trained(LessonEnv(law, law.seed, **where), law.seed, steps, **how)
+        arrays |= {f"{law.network}.{name}": each for name, each in network.items()}
         weights = law.weights
     home.mkdir(parents=True, exist_ok=True)
     write_whole(home / weights, save(arrays))

@@ -125,10 +125,10 @@ def _entity(name: str, seconds: float, shapes: Mapping[str, Any]) -> dict[str, A
 
 def _still(base: Any) -> list[dict[str, Any]]:
     """Returns what does not move: the hull's path, or the goals with their headings."""
-    found = []
+    entities = []
     drawn = base.task.drawing(base.batch.states[0])
     if drawn.get("path") is not None:
-        found.append(_entity("path", 0.0, {"lines": [_line(drawn["path"])]}))
+        entities.append(_entity("path", 0.0, {"lines": [_line(drawn["path"])]}))
     for k, (x, y, heading) in enumerate(np.asarray(drawn.get("goals", np.empty((0, 3)))).tolist()):
         arrow = {
             "pose": _pose(x, y, 0.0 if math.isnan(heading) else heading),
@@ -138,8 +138,8 @@ def _still(base: Any) -> list[dict[str, Any]]:
             "head_diameter": 0.1,
             "color": _GREEN,
         }
-        found.append(_entity(f"goal {k}", 0.0, {"arrows": [arrow]}))
-    return found
+        entities.append(_entity(f"goal {k}", 0.0, {"arrows": [arrow]}))
+    return entities
 
 
 def _sample_mcap(folder: Path) -> None:

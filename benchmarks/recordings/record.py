@@ -82,7 +82,7 @@ def sources(
     Episode k of the set has seed `seed + k`; of a policy and family, episode j drives scenario j of the split, round
     and round.
     """
-    found = []
+    sources_there = []
     cases = [
         case
         for name in names
@@ -99,9 +99,9 @@ def sources(
         count = (k + 1) * episodes // len(cases) - k * episodes // len(cases)
         starts = tuple(Start(seed + first + j, j % SPLITS[conditions.split]) for j in range(count))
         if count:
-            found.append(Source(case, starts, first))
+            sources_there.append(Source(case, starts, first))
         first += count
-    return found
+    return sources_there
 
 
 def recorded(source: Source, conditions: Conditions) -> Iterator[tuple[int, Episode]]:

@@ -176,11 +176,11 @@ class Episodes(Sequence[Row]):
     @classmethod
     def of_lines(cls, names: Sequence[str], lines: Iterable[Sequence[str]]) -> "Episodes":
         """Returns the episodes of a table of texts, whose lines have as many cells as there are names."""
-        found = cls()
-        found._columns, found._count = _taken(
+        episodes = cls()
+        episodes._columns, episodes._count = _taken(
             (dict(zip(names, zip(*some, strict=True), strict=True)), len(some)) for some in _batches(lines)
         )
-        return found
+        return episodes
 
     @property
     def names(self) -> list[str]:
@@ -203,10 +203,10 @@ class Episodes(Sequence[Row]):
         if isinstance(key, int):
             k = range(len(self))[key]
             return _View(self._columns, k if self._at is None else int(self._at[k]))
-        found = Episodes()
-        found._columns, found._count = self._columns, self._count
-        found._at = (np.arange(self._count) if self._at is None else self._at)[key]
-        return found
+        part = Episodes()
+        part._columns, part._count = self._columns, self._count
+        part._at = (np.arange(self._count) if self._at is None else self._at)[key]
+        return part
 
     def __iter__(self) -> Iterator[Row]:
         return (_View(self._columns, k) for k in (range(self._count) if self._at is None else self._at.tolist()))
@@ -253,8 +253,8 @@ class Episodes(Sequence[Row]):
         """Returns for each episode the number of its group: those with the same values in some columns are one."""
         number = np.zeros(len(self), np.int64)
         for name in names:
-            found, inverse = np.unique(self._codes(name)[0], return_inverse=True)
-            _, first, number = np.unique(number * len(found) + inverse, return_index=True, return_inverse=True)
+            distinct, inverse = np.unique(self._codes(name)[0], return_inverse=True)
+            _, first, number = np.unique(number * len(distinct) + inverse, return_index=True, return_inverse=True)
             number = np.argsort(np.argsort(first))[number]  # in the order in which they come up
         return number
 
@@ -278,10 +278,10 @@ class Episodes(Sequence[Row]):
         given, count = _taken([({name: cells}, len(cells))])
         if count != len(self):
             raise ValueError(f"column {name!r} has {count} cells for {len(self)} episodes")
-        found = Episodes()
+        wider = Episodes()
         mine = self._columns if self._at is None else {key: each.take(self._at) for key, each in self._columns.items()}
-        found._columns, found._count = mine | given, count
-        return found
+        wider._columns, wider._count = mine | given, count
+        return wider
 
     def _codes(self, name: str, wanted: Sequence[Any] = ()) -> tuple[NDArray[Any], NDArray[Any]]:
         """Returns a column as numbers that are equal where its values are, and those of the values that are wanted."""
@@ -382,16 +382,16 @@ class _Taking:
         read, none, dtype = (int, -1, np.int64) if self._dtype is int else (float, math.nan, np.float64)
         k = 0
         try:
-            found = np.empty(len(cells), dtype)
+            numbers = np.empty(len(cells), dtype)
             for k, cell in enumerate(cells):
-                found[k] = none if cell == "" else read(cell)
+                numbers[k] = none if cell == "" else read(cell)
         except (OverflowError, ValueError):
             raise ValueError(
                 f"row {before + k + 1}: column {self._name!r} holds {shown(cells[k])}; it must be "
                 f"a {'whole ' * (read is int)}number or empty"
             ) from None
-        found += 0  # no negative zeros
-        return _constant(found)
+        numbers += 0  # no negative zeros
+        return _constant(numbers)
 
     def held(self) -> _Held:
         """Returns the column of all that was taken in."""

@@ -215,8 +215,8 @@ def _write_json(file: Path, content: Mapping[str, Any]) -> None:
 
 def _busy(out: Path) -> str:
     """Returns the message for a second run."""
-    found = ", ".join(map(str, writers(out)))
-    return f"another run{found and f' (process {found})'} works in {out}: wait until it ends, or give another --out"
+    others = ", ".join(map(str, writers(out)))
+    return f"another run{others and f' (process {others})'} works in {out}: wait until it ends, or give another --out"
 
 
 def _present(file: Path) -> str:

@@ -91,7 +91,7 @@ class Table:
 
 def _plain(text: str) -> str:
     """Returns a text that Markdown shows as it is: a bar is no border, a name no tag or entity."""
-    return _TAG.sub(lambda found: html.escape(found[0]), text.replace("|", "\\|"))
+    return _TAG.sub(lambda match: html.escape(match[0]), text.replace("|", "\\|"))
 
 
 def code_span(text: str) -> str:

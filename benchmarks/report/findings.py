@@ -79,7 +79,7 @@ class _Standing:
     score: tuple[float, ...]  # the mean of what it is ranked by, where that is neither success nor cost; else nothing
 
 
-def found(contest: Contest, robot: str, rows: Episodes, named: tuple[str, ...] = ()) -> Finding:
+def finding_of(contest: Contest, robot: str, rows: Episodes, named: tuple[str, ...] = ()) -> Finding:
     """Returns the finding of the episodes of one contest and robot: the first entry, on the splits that are ranked.
 
     The verdicts are those of the table of pairs of the same rows, corrected for all of its lines.
@@ -170,9 +170,9 @@ def _count(number: int, one: str, many: str) -> str:
     return f"{number} {one if number == 1 else many}"
 
 
-def _with_ends(found: tuple[float, ...], factor: float, decimals: int) -> str:
+def _with_ends(values: tuple[float, ...], factor: float, decimals: int) -> str:
     """Returns a value with its interval in brackets, where it has one."""
-    value, *ends = (f"{factor * each:.{decimals}f}" for each in found)
+    value, *ends = (f"{factor * each:.{decimals}f}" for each in values)
     return f"{value} [{ends[0]}, {ends[1]}]" if ends else value
 
 
@@ -207,14 +207,15 @@ def _who(ranked: Sequence[_Standing], verdicts: Mapping[tuple[str, str], Verdict
     name, won = label(best.entry), _achieved(best, contest)
     if len(rivals) == 1:
         return f"{name} has no rival: {won}."
-    found = {}
+    outcomes = {}
     for each in rivals[1:]:
         pair = name, label(each.entry)
-        found[pair[1]] = (verdicts[pair] if pair in verdicts else verdicts[pair[::-1]].turned).outcome
-    if FEW in found.values():
+        outcomes[pair[1]] = (verdicts[pair] if pair in verdicts else verdicts[pair[::-1]].turned).outcome
+    if FEW in outcomes.values():
         return f"{name} leads ({won}); {TOO_FEW}."
     of = {
-        each: [name for name, verdict in found.items() if verdict == each] for each in (EQUIVALENT, OPEN, SLOWER, WORSE)
+        each: [name for name, verdict in outcomes.items() if verdict == each]
+        for each in (EQUIVALENT, OPEN, SLOWER, WORSE)
     }
     sentence = f"{name} leads: {won}; next {label(rivals[1].entry)}: {_achieved(rivals[1], contest)}."
     if behind := of[WORSE]:  # success is ranked by its mean: where it does not decide, one may be faster, or closer

@@ -26,7 +26,7 @@ from wayfield.benchmarks.records.replays import MOST_DRIVES, Drive, packed, read
 from wayfield.benchmarks.records.results import read_rows
 from wayfield.benchmarks.records.run_folder import DRIVES, WORLDS
 from wayfield.benchmarks.records.table import Table
-from wayfield.benchmarks.report.findings import Finding, found, front_chart, ladder_chart
+from wayfield.benchmarks.report.findings import Finding, finding_of, front_chart, ladder_chart
 from wayfield.benchmarks.report.worlds import World, read_worlds
 from wayfield.envs.robots import ROBOTS
 from wayfield.envs.tasks.specs import CROWDS
@@ -108,10 +108,10 @@ def _gather_contests(rows: Episodes, content: Content, named: tuple[str, ...]) -
             if len(mine.unique("disturbance")) > 1:
                 content.charts.append(ladder_chart(contest, robot, mine))
                 calm = mine.where(disturbance="none") or mine
-                finding = found(contest, f"{robot}, undisturbed", calm, named)
+                finding = finding_of(contest, f"{robot}, undisturbed", calm, named)
             else:
                 swept = mine.where(split="front")
-                finding = found(contest, robot, mine, named)
+                finding = finding_of(contest, robot, mine, named)
                 front = front_chart(contest, robot, swept)
                 if front["series"]:
                     content.charts.append(front)
@@ -282,7 +282,7 @@ def rendered(
     text = _json(plain | {"episodes": episodes, "drives": shapes, "kernels": kernels or None})
     payload = len(text).to_bytes(4, "little") + text + b"".join(pieces) + machinery
     parts["payload"] = as_text(zlib.compress(payload, 9))
-    return re.sub(r"\{\{(\w+)\}\}", lambda found: parts[found[1]], template)
+    return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], template)
 
 
 def as_text(data: bytes) -> str:
@@ -313,14 +313,14 @@ def kernel_part(
             tables[part] = {key: each for key, each in tables[part].items() if key.split()[0] not in CROWDS}
     pieces, places = [(home / MODULE).read_bytes()], {}
     at = len(pieces[0])
-    found: list[list[int]] = []
+    blobs: list[list[int]] = []
 
     def placed(k: int) -> int:
         nonlocal at
         if k not in places:
-            places[k] = len(found)
+            places[k] = len(blobs)
             pieces.append(base64.b64decode(tables["blobs"][k]))
-            found.append([at, len(pieces[-1])])
+            blobs.append([at, len(pieces[-1])])
             at += len(pieces[-1])
         return places[k]
 
@@ -352,7 +352,7 @@ def kernel_part(
             for argument in part.get("arguments", ()):
                 if "blob" in argument:
                     argument["blob"] = placed(argument["blob"])
-    return tables | {"module": [0, len(pieces[0])], "blobs": found}, b"".join(pieces)
+    return tables | {"module": [0, len(pieces[0])], "blobs": blobs}, b"".join(pieces)
 
 
 def _chosen(content: Content, room: int) -> set[int]:

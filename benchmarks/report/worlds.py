@@ -54,25 +54,25 @@ def _member(setting: Setting, k: int, count: int) -> int:
 
 def worlds_of(settings: Iterable[Setting]) -> dict[str, World]:
     """Returns the scenarios that some settings drive in, by their key."""
-    found: dict[str, World] = {}
+    worlds: dict[str, World] = {}
     for setting in settings:
         for k, key in enumerate(keys_of(setting)):
-            if key and key not in found:
+            if key and key not in worlds:
                 bank = _bank(setting)
                 draws = np_random(setting.seed + k)[0].random(DRAWS).tolist()
-                found[key] = plain(bank[_member(setting, k, len(bank))], setting.case.max_episode_steps) | {
+                worlds[key] = plain(bank[_member(setting, k, len(bank))], setting.case.max_episode_steps) | {
                     "draws": draws
                 }
-    return found
+    return worlds
 
 
 def _bank(setting: Setting) -> tuple[Any, ...]:
     case = setting.case
     scale = case.env_kwargs.get("scale", 1.0)
-    found = scenarios_of(spec_of(case.env_id), case.scenario, _robot(setting).hull_radius, scale)
+    scenarios = scenarios_of(spec_of(case.env_id), case.scenario, _robot(setting).hull_radius, scale)
     if spec_of(case.env_id) in CROWDS.values():
-        return tuple(each.walked(*_walked(setting)) for each in found)
-    return found
+        return tuple(each.walked(*_walked(setting)) for each in scenarios)
+    return scenarios
 
 
 def _robot(setting: Setting) -> Robot:

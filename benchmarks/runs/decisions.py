@@ -138,14 +138,14 @@ def main(policies: tuple[str, ...] | None, robot: Robot, rounds: int) -> None:
     table = rich.table.Table(title=f"Decisions, {robot}, median of {rounds} rounds", title_justify="left")
     for header in ("policy", "robots", "decisions/s", "median of a call (ms)", "p99 (ms)"):
         table.add_column(header, justify="left" if header == "policy" else "right")
-    found: dict[tuple[str, str], Case] = {}  # of trained agents one
+    cases_by_name: dict[tuple[str, str], Case] = {}  # of trained agents one
     for contest in CONTESTS.values():
         names = tuple(name for name in contest.policies if not policies or name in policies)
         for case in contest.cases(
             robot, contest.course(contest.timed_on, "test", robot), Entrants(names, ("default",))
         ):
-            found[contest.name, case.policy] = case
-    cases = list(found.values())
+            cases_by_name[contest.name, case.policy] = case
+    cases = list(cases_by_name.values())
     if not cases:
         raise click.UsageError(f"--policies {', '.join(policies or ())} cannot be timed with robot {robot}")
     for timing in measured(cases, rounds=rounds):

@@ -51,19 +51,19 @@ def payload(setting: Setting) -> Payload:
         OSError: if a file cannot be read.
     """
     case = setting.case
-    found: list[Path] = []
+    files: list[Path] = []
     if _is_file(case.scenario):
         there = Path(case.scenario)
-        found += sorted(each for each in there.rglob("*") if each.is_file()) if there.is_dir() else [there]
+        files += sorted(each for each in there.rglob("*") if each.is_file()) if there.is_dir() else [there]
     if "home" in case.gains:
-        found += sorted(each for each in trained(case.gains["home"])[case.gains["seed"]].iterdir() if each.is_file())
+        files += sorted(each for each in trained(case.gains["home"])[case.gains["seed"]].iterdir() if each.is_file())
     if isinstance(case.entrant, OwnModel):
-        found.append(Path(case.entrant.file))
+        files.append(Path(case.entrant.file))
     if isinstance(case.entrant, OwnNetwork):
-        found.append(Path(case.gains["file"]))
+        files.append(Path(case.gains["file"]))
     elif isinstance(case.entrant, OwnClass) and (file := imported(case.entrant.module).__file__):
-        found.append(Path(file))
-    return Payload(setting, {str(file): file.read_bytes() for file in found})
+        files.append(Path(file))
+    return Payload(setting, {str(file): file.read_bytes() for file in files})
 
 
 def _is_file(scenario: str) -> bool:

@@ -107,7 +107,7 @@ def run_contest(
     keys = [""] * len(rows)
     for k, place in enumerate(places):
         keys[place.row] = f"{k:05d}"
-    return rows.with_column("trajectory", keys), _Kept({f"{k:05d}": place for k, place in enumerate(places)})
+    return rows.with_column("trajectory", keys), _Trajectories({f"{k:05d}": place for k, place in enumerate(places)})
 
 
 def rows_so_far(parts: Sequence[Part], ended: Mapping[int, Mapping[str, bytes]]) -> Episodes:
@@ -150,7 +150,7 @@ class _Place:
     row: int
 
 
-class _Kept(Mapping[str, Trajectory]):
+class _Trajectories(Mapping[str, Trajectory]):
     """The trajectories of a run, each read from its part on access, so that one is in memory and not all."""
 
     def __init__(self, places: Mapping[str, _Place]) -> None:
@@ -206,12 +206,12 @@ def declared(setting: Setting) -> list[dict[str, Any]]:
     failure = contest.failure_cost(case.max_episode_steps)
     more = {"split": split, **speed, "failure_cost": failure, **described(contest, case)}
     members = members_of(contest, setting)
-    found = []
+    lines = []
     for k in setting.numbers or range(setting.episodes):
         member = members[k % len(members)]
         named = {"scenario": member.name} if setting.members else {}
-        found.append(more | named | {"tier": member.tier, "quantity": member.quantity})
-    return found
+        lines.append(more | named | {"tier": member.tier, "quantity": member.quantity})
+    return lines
 
 
 def members_of(contest: Contest, setting: Setting) -> Sequence[Any]:
@@ -269,20 +269,20 @@ def _searched(contest: Contest, case: Case) -> str:
     level = ROBUST_LEVEL if case.gains_name in ("robust", HAND_TUNED["robust"]) else "none"
     robot = case.env_kwargs["robot"]  # a name where it ships
     suite, speed = contest.gains_suite, case.target_speed
-    found = tuned_set(case.policy, suite, robot, speed, level) if isinstance(robot, str) else None
-    if case.gains_name == "default" and (found is None or found.chosen != "default"):
+    tuned = tuned_set(case.policy, suite, robot, speed, level) if isinstance(robot, str) else None
+    if case.gains_name == "default" and (tuned is None or tuned.chosen != "default"):
         return f"{NO_FRAMES}, as Nav2 configures it" if case.policy in _OF_NAV2 else NO_FRAMES
-    if found is None:
+    if tuned is None:
         return ""  # of gains that were given
     best = ", best of them" if case.gains_name == "default" else ""
-    return in_frames(found.frames) + best + (_VALIDATED if found.split == TRANSFER_SPLIT else "")
+    return in_frames(tuned.frames) + best + (_VALIDATED if tuned.split == TRANSFER_SPLIT else "")
 
 
 def _on_validation(contest: Contest, policy: str, robot: str) -> bool:
     """Returns whether the gains of a law, as a teacher or a planner has them, were found on the validation split."""
     # a teacher may be one of the user's own, or a mix in recorded data
-    found = tuned_set(policy, contest.gains_suite, robot) if policy in POLICIES else None
-    return found is not None and found.chosen != "default" and found.split == TRANSFER_SPLIT
+    tuned = tuned_set(policy, contest.gains_suite, robot) if policy in POLICIES else None
+    return tuned is not None and tuned.chosen != "default" and tuned.split == TRANSFER_SPLIT
 
 
 def in_frames(count: int) -> str:
@@ -293,12 +293,12 @@ def in_frames(count: int) -> str:
 def play(setting: Setting) -> dict[str, bytes]:
     """Returns the files of a part, by their name: its rows, the trajectories that are kept, and the drives of all."""
     most, cost = setting.keep, ALL_CONTESTS[setting.case.contest].spec.cost.metric
-    found = played(setting)
-    order = sorted(range(len(found)), key=lambda i: badness(found[i][0], cost))
-    trajectories = {f"{i:05d}": found[i][1] if most is None else slim(found[i][1]) for i in order[:most]}
-    drives = {i: drive_of(trajectory) for i, (_, trajectory) in enumerate(found)}
+    episodes = played(setting)
+    order = sorted(range(len(episodes)), key=lambda i: badness(episodes[i][0], cost))
+    trajectories = {f"{i:05d}": episodes[i][1] if most is None else slim(episodes[i][1]) for i in order[:most]}
+    drives = {i: drive_of(trajectory) for i, (_, trajectory) in enumerate(episodes)}
     own = isinstance(setting.case.entrant, OwnClass)
-    return _packed([row for row, _ in found], trajectories, drives, sources() if own else {})
+    return _packed([row for row, _ in episodes], trajectories, drives, sources() if own else {})
 
 
 def _changed(part: Part) -> str:
@@ -394,15 +394,15 @@ def drives_of(parts: Sequence[Part]) -> dict[int, Drive]:
         ValueError: if a part is damaged; the message names the file.
         OSError: if a file is missing or cannot be opened.
     """
-    found: dict[int, Drive] = {}
+    drives: dict[int, Drive] = {}
     first, stride, most = 0, 1, MOST_DRIVES
     if sum(part.setting.episodes for part in parts) > MOST_DRIVES:
         stride, most = math.ceil(len(parts) / MOST_DRIVES), max(1, MOST_DRIVES // len(parts))
     for k, part in enumerate(parts):
         if k % stride == 0:
-            found.update((first + i, drive) for i, drive in read_drives(part.folder).items() if i < most)
+            drives.update((first + i, drive) for i, drive in read_drives(part.folder).items() if i < most)
         first += part.setting.episodes
-    return found
+    return drives
 
 
 def badness(row: Row, cost: str) -> tuple[float, float]:

@@ -55,8 +55,8 @@ def run(settings: Sequence[Setting], as_done: AsDone, done: dict[int, list[Episo
     """
     order = heads_first(settings)
     compiles = tell_of_compiling(goal_reaching.step_rows)
-    for k, found in tracked(as_done([settings[i] for i in order]), len(settings), "runs", compiles):
-        done[order[k]] = found
+    for k, rows in tracked(as_done([settings[i] for i in order]), len(settings), "runs", compiles):
+        done[order[k]] = rows
 
 
 def gathered(done: Mapping[int, list[Episode]]) -> tuple[Episodes, dict[str, Trajectory]]:

@@ -67,11 +67,11 @@ def interval(
     if not enough(strata):
         return None
     table = array.reshape(len(array), -1)
-    found = spread(winsorised(table) if statistic is iqm else table, strata)
-    if not found.variance > 0.0:
+    variation = spread(winsorised(table) if statistic is iqm else table, strata)
+    if not variation.variance > 0.0:
         return None
     if table.size > MANY:
-        middle, half = float(statistic(table.ravel())), found.quantile * math.sqrt(found.variance)
+        middle, half = float(statistic(table.ravel())), variation.quantile * math.sqrt(variation.variance)
         return middle - half, middle + half
     rng = np.random.default_rng(seed)
     members = [np.flatnonzero(names == name) for name in np.unique(names)]
@@ -86,7 +86,7 @@ def interval(
         drawn = table[scenarios[those, :, np.newaxis], agents[those, np.newaxis, :]]
         statistics.append(statistic(drawn.reshape(len(drawn), -1)))
     smallest = min(*map(len, members), table.shape[1] if table.shape[1] > 1 else len(table))
-    reach = found.quantile * math.sqrt(smallest / (smallest - 1))
+    reach = variation.quantile * math.sqrt(smallest / (smallest - 1))
     tail = float(scipy.special.ndtr(-reach))
     low, high = np.percentile(np.concatenate(statistics), [100.0 * tail, 100.0 * (1.0 - tail)])
     return float(low), float(high)

@@ -128,8 +128,8 @@ def share_interval(values: Array, strata: Sequence[str]) -> tuple[float, float] 
     table = values.reshape(len(values), -1)
     share, trials = float(table.mean()), float(len(table))
     if table.shape[1] > 1 and 0.0 < share < 1.0:
-        found = spread(table, strata)
-        if found.variance > 0.0:
+        variation = spread(table, strata)
+        if variation.variance > 0.0:
             normal = float(scipy.special.ndtri(0.975))
-            trials = min(trials, share * (1.0 - share) / found.variance * (normal / found.quantile) ** 2)
+            trials = min(trials, share * (1.0 - share) / variation.variance * (normal / variation.quantile) ** 2)
     return exact_interval(share, trials)

@@ -46,12 +46,12 @@ def difference(
             since where failures are few, no more are seen in many a sample than their mean allows for.
     """
     pairs = a[:, :, np.newaxis] - b[:, np.newaxis, :]
-    found = _tested(pairs, strata, reduction, 1.0 if reduction == "share" else dearer**2)
-    if reduction != "share" or math.isnan(found.low):
-        return found
+    tested = _tested(pairs, strata, reduction, 1.0 if reduction == "share" else dearer**2)
+    if reduction != "share" or math.isnan(tested.low):
+        return tested
     means = pairs.mean(axis=(1, 2))
     limit = exact_limit(float(means.clip(0.0).sum()), float(-means.clip(None, 0.0).sum()), len(means))
-    return dataclasses.replace(found, limit=limit)
+    return dataclasses.replace(tested, limit=limit)
 
 
 def exact_limit(won: float, lost: float, scenarios: int) -> float:
@@ -96,15 +96,15 @@ def _tested(pairs: Array, strata: Sequence[str], reduction: str, added: float) -
     value = float(iqm(pairs.ravel()) if reduction == "iqm" else pairs.mean())
     if not enough(strata):
         return Difference(value, math.nan, math.nan, math.nan)
-    found = spread(winsorised(pairs) if reduction == "iqm" else pairs, strata)
+    variation = spread(winsorised(pairs) if reduction == "iqm" else pairs, strata)
     count = len(pairs)
     shrunk = count / (count + 2) if added else 1.0
     middle = value * shrunk
-    error = math.sqrt(found.variance * shrunk**2 + added / (count + 2) ** 2)
+    error = math.sqrt(variation.variance * shrunk**2 + added / (count + 2) ** 2)
     if not error > 0.0:
         return Difference(value, math.nan, math.nan, math.nan)
-    p = 2.0 * float(scipy.special.stdtr(found.freedom, -abs(middle) / error))
-    return Difference(value, middle - found.quantile * error, middle + found.quantile * error, p)
+    p = 2.0 * float(scipy.special.stdtr(variation.freedom, -abs(middle) / error))
+    return Difference(value, middle - variation.quantile * error, middle + variation.quantile * error, p)
 
 
 def holm(ps: Sequence[float]) -> list[float]:

@@ -41,7 +41,7 @@ Drive = Callable[[int, Array, Array], Array]  # step, cases and their places (n,
 
 def walked(cases: Iterable[TeamScenario], gains: Mapping[str, float]) -> tuple[Array, Array]:
     """Returns where people walk (cases, steps, people, 4), and the velocities of a robot by ORCA with these gains."""
-    found = []
+    places = []
     for case in cases:
         walks = np.zeros(len(case.walks) + 1, people.WALK)
         walks[1:] = case.walks
@@ -51,8 +51,8 @@ def walked(cases: Iterable[TeamScenario], gains: Mapping[str, float]) -> tuple[A
             walks[0][name] = value
         for name, value in gains.items():
             walks[0][name] = value
-        found.append(stroll(walks, STEPS, PERIOD, reach=10.0, robots=(0,))[:, :, :4])
-    out = np.array(found)
+        places.append(stroll(walks, STEPS, PERIOD, reach=10.0, robots=(0,))[:, :, :4])
+    out = np.array(places)
     return out[:, :, 1:], out[:, 1:, 0, 2:4]
 
 
@@ -133,8 +133,8 @@ def main(file: str | None, cases: int, search: bool) -> None:
         click.echo(f"{gains}: success {share:.3f}, {time:.2f} s on validation")
     if file is None:
         return
-    kept = [row for row in papers.read() if row["claim"] != CLAIM.name]
-    write_whole(papers.TABLE, written([*kept, *rows(file, cases)]))
+    others = [row for row in papers.read() if row["claim"] != CLAIM.name]
+    write_whole(papers.TABLE, written([*others, *rows(file, cases)]))
     write_whole(papers.PAGE, papers.page().encode())
 
 

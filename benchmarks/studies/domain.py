@@ -14,8 +14,8 @@ from typing import Any
 import click
 import numpy as np
 import torch
-from kept_parts import drive_missing, read
 from learning import score
+from part_rows import drive_missing, read
 from sim_to_sim import CHAIN
 
 from wayfield.envs.robots import ROBOTS, Robot
@@ -36,11 +36,11 @@ def identified() -> Robot:
     """Returns the base as `wayfield identify` found it from its log in MuJoCo."""
     text = next(row["found"] for row in read(CHAIN) if (row["robot"], row["sheet"]) == (BASE, "identified"))
     cells = dict(cell.split("=") for cell in text.split(";"))
-    found = {name: tuple(float(each) for each in cell.split()) for name, cell in cells.items()}
-    track = found["track"][0]
+    fits = {name: tuple(float(each) for each in cell.split()) for name, cell in cells.items()}
+    track = fits["track"][0]
     base = ROBOTS[BASE]
     wheels = [dataclasses.replace(each, y=float(np.copysign(0.5 * track, each.y))) for each in base.wheels]
-    return dataclasses.replace(base, name="identified", wheels=tuple(wheels), gain=found["gain"], lag=found["lag"])
+    return dataclasses.replace(base, name="identified", wheels=tuple(wheels), gain=fits["gain"], lag=fits["lag"])
 
 
 def trainings() -> Mapping[str, Sequence[tuple[float, Mapping[str, Any]]]]:
@@ -63,13 +63,13 @@ def rows_of(preset: Preset, seed: int) -> list[tuple[Any, ...]]:
     while own.frames < preset.learning.steps:
         own.update()
     network = own.layers()
-    found = []
+    lines = []
     for plant in PLANTS:
         test = {"scenario": "all/test", "actuators": "lagged", "dynamics": plant}
         with torch.no_grad():
             made = score(preset.changed(validation=test), network)
-        found.append((plant, f"{made.success:.4f}", f"{made.error:.6f}", f"{made.speed:.4f}"))
-    return found
+        lines.append((plant, f"{made.success:.4f}", f"{made.error:.6f}", f"{made.speed:.4f}"))
+    return lines
 
 
 def parts() -> Iterator[tuple[dict[str, str], Any]]:

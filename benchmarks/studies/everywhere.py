@@ -16,8 +16,8 @@ import click
 import gymnasium
 import numpy as np
 from flocks import AHEAD, BEHIND, first_episodes, leaning
-from kept_parts import Part, drive_missing
-from kept_parts import table as text_of
+from part_rows import Part, drive_missing
+from part_rows import table as text_of
 
 from wayfield import policies
 from wayfield.benchmarks.leaderboards.verdicts import BETTER, MARGIN, WORSE, outcome
@@ -96,15 +96,15 @@ CONDITIONS = (
 def scenes(count: int) -> tuple[GoalScenario, ...]:
     """Returns so many scenes of each family that stands still, and twice as many of those that move."""
     spec = TASKS["goal_reaching"]
-    found: list[GoalScenario] = []
+    scenarios: list[GoalScenario] = []
     for family in (*STILL, *MOVING):
-        seed, wanted = FIRST_SEED, len(found) + count * (MORE if family in MOVING else 1)
-        while len(found) < wanted:
+        seed, wanted = FIRST_SEED, len(scenarios) + count * (MORE if family in MOVING else 1)
+        while len(scenarios) < wanted:
             scenario = spec.families[family].make(seed)
             seed += 1
             if spec.feasible(scenario):
-                found.append(scenario)
-    return tuple(found)
+                scenarios.append(scenario)
+    return tuple(scenarios)
 
 
 def fitted(scenario: GoalScenario, hull: float) -> GoalScenario:
@@ -180,11 +180,11 @@ class Results:
 
     def of(self, name: str, field: str, moving: bool, conditions: Sequence[str]) -> dict[str, float]:
         """Returns the mean of a field over some conditions that a policy drove, by scene: all drive the same scenes."""
-        found: dict[str, list[float]] = {}
+        values_by_scene: dict[str, list[float]] = {}
         for (condition, policy, scene), row in self.rows.items():
             if policy == name and condition in conditions and (row["family"] in MOVING) == moving:
-                found.setdefault(scene, []).append(float(row[field]))
-        return {scene: float(np.mean(values)) for scene, values in found.items()}
+                values_by_scene.setdefault(scene, []).append(float(row[field]))
+        return {scene: float(np.mean(values)) for scene, values in values_by_scene.items()}
 
     def share(self, names: Sequence[str], field: str, moving: bool, condition: str) -> float:
         """Returns the mean of a field (%) over all that some policies drove in a condition."""
@@ -216,23 +216,23 @@ class Results:
 
         By the law, whether scenes move, the condition ("" for all) and whether it is of the P3DX's own agents.
         """
-        found = {}
+        gains = {}
         for law, moving in itertools.product(LAWS, (False, True)):
             for name in ("", *self.conditions):
-                found[law, moving, name, False] = self.less(law, "success", moving, [name] if name else self.conditions)
+                gains[law, moving, name, False] = self.less(law, "success", moving, [name] if name else self.conditions)
             for name in self.half:
-                found[law, moving, name, True] = self.less(law, "success", moving, [name], self.own)
-        corrected = holm([each.p for each in found.values()])
-        return {key: dataclasses.replace(each, p=p) for (key, each), p in zip(found.items(), corrected, strict=True)}
+                gains[law, moving, name, True] = self.less(law, "success", moving, [name], self.own)
+        corrected = holm([each.p for each in gains.values()])
+        return {key: dataclasses.replace(each, p=p) for (key, each), p in zip(gains.items(), corrected, strict=True)}
 
 
-def _points(found: Difference) -> str:
-    return f"{100.0 * found.value:+.1f} [{100.0 * found.low:+.1f}, {100.0 * found.high:+.1f}]"
+def _points(change: Difference) -> str:
+    return f"{100.0 * change.value:+.1f} [{100.0 * change.low:+.1f}, {100.0 * change.high:+.1f}]"
 
 
-def _side(found: Difference) -> str:
+def _side(change: Difference) -> str:
     """Returns what a difference of successes with a corrected p says."""
-    return leaning(outcome(found.low, found.high, found.p, MARGIN, found.limit), found.low, found.high)
+    return leaning(outcome(change.low, change.high, change.p, MARGIN, change.limit), change.low, change.high)
 
 
 def table(results: Results, moving: bool) -> str:
@@ -253,7 +253,7 @@ def table(results: Results, moving: bool) -> str:
 
 def sentences(results: Results, moving: bool) -> str:
     """Returns who wins, losses first."""
-    found = []
+    lines = []
     for law in LAWS:
         each = {name: results.compared[law, moving, name, False] for name in results.conditions}
         sides = {name: _side(one) for name, one in each.items()}
@@ -263,15 +263,15 @@ def sentences(results: Results, moving: bool) -> str:
             for verdict in (WORSE, BEHIND, AHEAD, BETTER)
         )
         whole = results.compared[law, moving, "", False]
-        found.append(
+        lines.append(
             f"Over all conditions `{AGENT}` is beside `{law}` {_side(whole)}: {_points(whole)} points of success. "
             f"It is worse in {lost}. It is better in {won}. Before correction for the number of comparisons, it is "
             f"behind in {behind} and ahead in {ahead}."
         )
     touched = {name: results.share(results.seeds, "collision", moving, name) for name in results.conditions}
     over = [f"{name} ({share:.1f} %)" for name, share in touched.items() if share > 1.0]
-    found.append(f"More than 1 % of its scenes end in a collision in {'; '.join(over) or 'none'}.")
-    return "\n".join(f"* {each}" for each in found)
+    lines.append(f"More than 1 % of its scenes end in a collision in {'; '.join(over) or 'none'}.")
+    return "\n".join(f"* {each}" for each in lines)
 
 
 def half_speed(results: Results) -> str:
@@ -284,12 +284,12 @@ def half_speed(results: Results) -> str:
     lines, sentences = [], []
     for condition in results.half:
         for what, moving in (("still", False), ("moving", True)):
-            found = {law: results.compared[law, moving, condition, True] for law in LAWS}
+            by_law = {law: results.compared[law, moving, condition, True] for law in LAWS}
             shares = [f"{results.share(names, 'success', moving, condition):.1f} / "
                       f"{results.share(names, 'collision', moving, condition):.1f}"
                       for names in (results.own, *([law] for law in LAWS))]  # fmt: skip
             lines.append([condition, what, *shares])
-            sides = [f"beside `{law}` {_side(each)} ({_points(each)})" for law, each in found.items()]
+            sides = [f"beside `{law}` {_side(each)} ({_points(each)})" for law, each in by_law.items()]
             sentences.append(f"* {condition}, {what}: `{OWN}` is {', '.join(sides)}.")
     header = ["condition", "scenes", f"`{OWN}`, {len(results.own)} seeds", *(f"`{law}`" for law in LAWS)]
     shown = text_of(lines, header)

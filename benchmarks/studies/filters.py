@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import click
 import gymnasium
 import numpy as np
-from kept_parts import drive_missing
 from numpy.typing import NDArray
+from part_rows import drive_missing
 
 from wayfield.benchmarks.statistics.crossed import share_interval
 from wayfield.benchmarks.statistics.paired import difference
@@ -122,10 +122,10 @@ def numbers(rows: Sequence[Mapping[str, str]], policy: str, behind: str, group: 
 
 def cells(rows: Sequence[Mapping[str, str]], policy: str, behind: str, group: str) -> list[str]:
     """Returns a line of the table."""
-    found, alone = (numbers(rows, policy, each, group) for each in (behind, "none"))
+    these, alone = (numbers(rows, policy, each, group) for each in (behind, "none"))
     strata = list(np.repeat(GROUPS[group], SCENES))
-    low, high = share_interval(found["success"], strata) or (np.nan, np.nan)
-    won, hit = found["success"], found["collision"]
+    low, high = share_interval(these["success"], strata) or (np.nan, np.nan)
+    won, hit = these["success"], these["collision"]
     line = [f"`{policy}`", behind, f"{100.0 * won.mean():.1f} [{100.0 * low:.1f}, {100.0 * high:.1f}]"]
     if behind == "none":
         line.append("")
@@ -134,10 +134,10 @@ def cells(rows: Sequence[Mapping[str, str]], policy: str, behind: str, group: st
         line.append(f"{100.0 * apart.value:+.1f} [{100.0 * apart.low:+.1f}, {100.0 * apart.high:+.1f}]")
     both = (won > 0.0) & (alone["success"] > 0.0)
     slower = (
-        f"{found['time'][both].mean() - alone['time'][both].mean():+.1f}" if both.any() and behind != "none" else ""
+        f"{these['time'][both].mean() - alone['time'][both].mean():+.1f}" if both.any() and behind != "none" else ""
     )
     stands = (won + hit) == 0.0
-    share = "" if behind == "none" else f"{100.0 * found['changed'].mean():.0f}"
+    share = "" if behind == "none" else f"{100.0 * these['changed'].mean():.0f}"
     return [*line, f"{100.0 * hit.mean():.1f}", f"{100.0 * stands.mean():.1f}", share, slower]
 
 

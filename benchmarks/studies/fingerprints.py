@@ -206,7 +206,7 @@ def fingerprints(names: Sequence[str], of: Sequence[World], steps: int = STEPS) 
 
     A policy that refuses a robot or its sensors has one of the refusal's words.
     """
-    found: dict[str, dict[str, Print]] = {}
+    prints: dict[str, dict[str, Print]] = {}
     for world in tracked(of, len(of), "worlds"):
         batches = {
             num: gymnasium.make_vec(**world.options(), num_envs=num, vectorization_mode="vector_entry_point")
@@ -219,16 +219,16 @@ def fingerprints(names: Sequence[str], of: Sequence[World], steps: int = STEPS) 
                 continue
             envs = batches[FEW_ROBOTS if name in SLOW else ROBOTS]
             try:
-                found[world.key(name, gains_name)] = {
+                prints[world.key(name, gains_name)] = {
                     "single": fingerprint(alone(single, Pilot(policy, single), steps)),
                     "vector": fingerprint(batched(envs, Pilot(policy, envs), steps)),
                 }
             except ValueError as refusal:
-                found[world.key(name, gains_name)] = {"refused": {"words": str(refusal)}}
+                prints[world.key(name, gains_name)] = {"refused": {"words": str(refusal)}}
         single.close()
         for envs in batches.values():
             envs.close()
-    return dict(sorted(found.items()))
+    return dict(sorted(prints.items()))
 
 
 def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:

@@ -25,8 +25,8 @@ from typing import Any, NamedTuple
 import click
 import gymnasium
 import numpy as np
-from kept_parts import Part, Row, drive_missing, read, table, write
 from numpy.typing import NDArray
+from part_rows import Part, Row, drive_missing, read, table, write
 from results_page import between, versus
 
 from wayfield import policies
@@ -165,8 +165,8 @@ def team_parts(names: Sequence[str], families: Sequence[str], worlds: int, large
         for entry in (each for name in names for each in entries(name)):
 
             def drives(entry: str = entry, family: str = family, count: int = count) -> list[Sequence[Any]]:
-                found = drive(policy_of(entry), family, count)
-                return [(int(a), f"{b:.4f}", f"{c:.4f}", f"{d:.2f}") for a, b, c, d in found]
+                decisions = drive(policy_of(entry), family, count)
+                return [(int(a), f"{b:.4f}", f"{c:.4f}", f"{d:.2f}") for a, b, c, d in decisions]
 
             yield {"family": family, "policy": entry}, drives
 
@@ -294,11 +294,11 @@ def film() -> bytes:
 
 def by_world(rows: Iterable[Row], name: str, metric: str) -> dict[tuple[str, ...], list[float]]:
     """Returns a number of a policy in each world, by contest, family and world: a value a seed, NaN where none."""
-    found: dict[tuple[str, ...], list[float]] = {}
+    values: dict[tuple[str, ...], list[float]] = {}
     for row in rows:
         if row["policy"].partition(" seed ")[0] == name:
-            found.setdefault(_world(row), []).append(float(row[metric] or "nan"))
-    return found
+            values.setdefault(_world(row), []).append(float(row[metric] or "nan"))
+    return values
 
 
 class Less(NamedTuple):
@@ -327,20 +327,20 @@ class Less(NamedTuple):
 
         Who fails more often by the interval alone is no tie, as `leaning` has it.
         """
-        found = outcome(self.low, self.high, holm([*page, self.p])[-1], MARGIN, self.limit)
-        return leaning(found, self.low, self.high)
+        words = outcome(self.low, self.high, holm([*page, self.p])[-1], MARGIN, self.limit)
+        return leaning(words, self.low, self.high)
 
     def pace(self, page: Sequence[float]) -> str:
         """Returns what it says of a time, likewise corrected: "faster", "slower", or "" where neither is shown."""
-        found = outcome(-self.high, -self.low, holm([*page, self.p])[-1], 0.0)
-        return {BETTER: "faster", WORSE: "slower"}.get(found, "")
+        words = outcome(-self.high, -self.low, holm([*page, self.p])[-1], 0.0)
+        return {BETTER: "faster", WORSE: "slower"}.get(words, "")
 
 
-def leaning(found: str, low: float, high: float) -> str:
+def leaning(words: str, low: float, high: float) -> str:
     """Returns an outcome; of a tie that the interval alone decides, "ahead" or "behind, not significantly"."""
-    if found == OPEN and (low > 0.0 or high < 0.0):
+    if words == OPEN and (low > 0.0 or high < 0.0):
         return f"{AHEAD if low > 0.0 else BEHIND}, not significantly"
-    return found
+    return words
 
 
 def less(rows: Sequence[Row], agent: str, law: str, metric: str, solved: str = "") -> Less:
@@ -361,11 +361,11 @@ def less(rows: Sequence[Row], agent: str, law: str, metric: str, solved: str = "
     strata = ["/".join(key[:2]) for key in keys]
     if solved and not enough(strata):  # few are left of some families: all together
         strata = ["" for _ in keys]
-    found = paired(a, b, strata, "share" if metric in ("solved", "success") else "mean")
+    pair = paired(a, b, strata, "share" if metric in ("solved", "success") else "mean")
     gaps = a.mean(axis=1) - b.mean(axis=1)
     families = np.unique(strata, return_inverse=True)[1]
     alike = float((np.bincount(families, gaps) / np.bincount(families)).mean())
-    return Less(found.value, found.low, found.high, found.p, len(keys), metric in _SHARES, found.limit, alike)
+    return Less(pair.value, pair.low, pair.high, pair.p, len(keys), metric in _SHARES, pair.limit, alike)
 
 
 _SHARES = ("solved", "arrived", "touched", "success", "collision", "touched_person", "intimate_share", "personal_share")
@@ -418,13 +418,13 @@ def seeds_of(rows: Iterable[Row], agent: str) -> int:
     return len({row["policy"] for row in rows if row["policy"].startswith(f"{agent} seed")})
 
 
-def taken(first: str, other: str, found: Less, page: Sequence[float], seeds: int) -> str:
+def taken(first: str, other: str, change: Less, page: Sequence[float], seeds: int) -> str:
     """Returns which of two to take, by what the first solves more than the other.
 
     Where that is not significant, or an agent has too few seeds for a claim, a controller goes before an agent, of two
     of a kind the one that is ahead, else the one that sees less, and of two that see the same the one that solved more.
     """
-    verdict = found.outcome(page).partition(", ")[0]
+    verdict = change.outcome(page).partition(", ")[0]
     alike = (first in AGENTS) == (other in AGENTS)
     if seeds >= LEAST_SEEDS and (verdict in (BETTER, WORSE) or (alike and verdict in (AHEAD, BEHIND))):
         return first if verdict in (BETTER, AHEAD) else other
@@ -434,7 +434,7 @@ def taken(first: str, other: str, found: Less, page: Sequence[float], seeds: int
 
     if cost(first) != cost(other):
         return min(first, other, key=cost)
-    return other if found.value < 0.0 else first
+    return other if change.value < 0.0 else first
 
 
 class Compared(NamedTuple):
@@ -443,18 +443,18 @@ class Compared(NamedTuple):
     agent: str
     law: str
     what: str
-    found: Less
+    difference: Less
     later: Less  # in extra time (s), in worlds that both solve
     seeds: int
 
     def sentence(self, page: Sequence[float]) -> str:
         """Returns what it says, corrected as `Less.outcome`."""
-        agent, law, shown = self.agent, self.law, f"{self.what}: {self.found.shown} points"
-        take = taken(agent, law, self.found, page, self.seeds)
+        agent, law, shown = self.agent, self.law, f"{self.what}: {self.difference.shown} points"
+        take = taken(agent, law, self.difference, page, self.seeds)
         if self.seeds < LEAST_SEEDS:
             seeds = f"{self.seeds} of the {LEAST_SEEDS} seeds that a claim needs"
             return f"{agent} vs. {law}, {shown}, with {seeds}: take {take}."
-        verdict, _, how = self.found.outcome(page).partition(", ")
+        verdict, _, how = self.difference.outcome(page).partition(", ")
         words = {
             BETTER: f"{agent} solves more than {law}",
             WORSE: f"{agent} solves less than {law}",
@@ -485,20 +485,20 @@ def team_tables(rows: Sequence[Row]) -> tuple[list[Compared], str]:
             kinds |= {kind: [each for each in families if is_of(kind, each)] for kind in KINDS}
             for kind, members in kinds.items():
                 here = [row for row in both if row["family"] in members]
-                found = less(here, agent, law, "solved")
+                change = less(here, agent, law, "solved")
                 count = len({row["family"] for row in here})
-                if not found.worlds:
+                if not change.worlds:
                     continue
                 solved = [share(here, name, "solved") for name in (law, agent)]
                 changes = [less(here, agent, law, name).shown for name in ("arrived", "touched")]
                 later = less(here, agent, law, "extra_time", "solved")
-                alike = f"{100.0 * found.alike:+.1f}"
-                line = [f"{kind}, {count}", str(found.worlds), *solved, found.shown, alike, *changes, later.shown]
+                alike = f"{100.0 * change.alike:+.1f}"
+                line = [f"{kind}, {count}", str(change.worlds), *solved, change.shown, alike, *changes, later.shown]
                 beside.setdefault(f"{agent} vs. {law}", []).append(line)
                 what = f"in {len(families)} of {len(TEAM_FAMILIES)} families" if kind == "all" else f"{kind} alone"
                 if kind == UP_TO:
                     what = f"in the {count} of them with {kind}"
-                comparisons.append(Compared(agent, law, what, found, later, seeds))
+                comparisons.append(Compared(agent, law, what, change, later, seeds))
     if beside:
         header = [
             "families", "scenes", "solved: rival (%)", "agent (%)", "difference (points)", "mean of families",
@@ -552,13 +552,13 @@ def people_tables(rows: Sequence[Row]) -> tuple[list[Compared], str]:
         lines = []
         seeds = seeds_of(here, "people_free")
         for law in (each for each in names if each != "people_free" and seeds):
-            found = less(here, "people_free", law, "success")
+            change = less(here, "people_free", law, "success")
             later, *measures = [
                 less(here, "people_free", law, name, "success")
                 for name in ("extra_time", "intimate_share", "personal_share", "people_slowed")
             ]
-            lines.append([law, str(found.worlds), found.shown, later.shown, *(each.shown for each in measures)])
-            comparisons.append(Compared("people_free", law, f"in {label}", found, later, seeds))
+            lines.append([law, str(change.worlds), change.shown, later.shown, *(each.shown for each in measures)])
+            comparisons.append(Compared("people_free", law, f"in {label}", change, later, seeds))
         if lines:
             header = [
                 "people_free less", "scenes", "success (points)", "extra time (s)", "within 0.45 m (points)",
@@ -613,10 +613,10 @@ def advice(teams: Sequence[Row], people: Sequence[Row]) -> str:
             best = next((name for name in able if all(beats(name, each) for each in able if each != name)), able[0])
             following = next(name for name in able if name != best)
             both = complete(rows, (best, following))
-            found, (won, later) = less(both, best, following, metric), standing(both, metric, best)
-            lead = f"{versus(found.outcome(page_ps), _code(following))}: {found.shown} points"
+            change, (won, later) = less(both, best, following, metric), standing(both, metric, best)
+            lead = f"{versus(change.outcome(page_ps), _code(following))}: {change.shown} points"
             reached = f"{-100.0 * won:.1f} %, {later:.1f} s"
-            line = [place, access, _code(best), reached, collisions(both, best), str(found.worlds), lead]
+            line = [place, access, _code(best), reached, collisions(both, best), str(change.worlds), lead]
             if lines and [place, *line[2:]] == [lines[-1][0], *lines[-1][2:]]:
                 lines[-1][1] += f" or {access}"
             else:
@@ -632,7 +632,7 @@ def of_page(teams: Sequence[Row], people: Sequence[Row]) -> list[float]:
 
 
 def _ps(comparisons: Iterable[Compared]) -> list[float]:
-    return [less.p for each in comparisons for less in (each.found, each.later)]
+    return [less.p for each in comparisons for less in (each.difference, each.later)]
 
 
 def rival(rows: Sequence[Row], agents: Sequence[str], laws: Sequence[str], metric: str) -> tuple[str, str, list[Row]]:
@@ -672,11 +672,11 @@ def front(teams: Sequence[Row], people: Sequence[Row]) -> str:
     lines, page_ps = [], of_page(teams, people)
     for where, agents, laws, metric, rows in front_parts(teams, people):
         name, law, here = rival(rows, agents, laws, metric)
-        found = less(here, name, law, metric)
+        change = less(here, name, law, metric)
         mine, theirs = ([f"`{each}`", share(here, each, metric), collisions(here, each)] for each in (name, law))
         later = less(here, name, law, "extra_time", metric)
-        verdict = ", ".join(filter(None, (found.outcome(page_ps), later.pace(page_ps))))
-        lines.append([where, *mine, *theirs, str(found.worlds), found.shown, verdict, later.shown])
+        verdict = ", ".join(filter(None, (change.outcome(page_ps), later.pace(page_ps))))
+        lines.append([where, *mine, *theirs, str(change.worlds), change.shown, verdict, later.shown])
     of_each = ["solved (%)", "collided (%)"]
     header = [
         "where", "best agent", *of_each, "best controller", *of_each, "scenes", "difference (points)",
@@ -853,15 +853,15 @@ def counts(rows: Mapping[str, Sequence[Row]]) -> str:
 def tuning() -> str:
     """Returns in sentences what searches of gains found, and what they and the training of agents were given."""
     laws = dict.fromkeys(law for laws in (*RIVALS.values(), *AMONG_PEOPLE.values()) for law in laws if TUNED in law)
-    found: dict[str, list[str]] = {}
+    suites: dict[str, list[str]] = {}
     for law in (each.removesuffix(TUNED) for each in laws):
         for suite in ("teams", *PEOPLE_CONTESTS):
             rules = ALL_CONTESTS[suite].rules
             best = tuned_set(law, suite, ROBOT, rules.speed if rules else SPEED)
             if best is not None:
                 none = "" if best.chosen != "default" else ", none better"
-                found.setdefault(law, []).append(f"{suite} {best.frames / 1e6:.1f}{none}")
-    searched = "; ".join(f"`{law}`: {', '.join(each)}" for law, each in found.items())
+                suites.setdefault(law, []).append(f"{suite} {best.frames / 1e6:.1f}{none}")
+    searched = "; ".join(f"`{law}`: {', '.join(each)}" for law, each in suites.items())
     agents = []
     for name in (*AMONG_PEOPLE, *(each for each in RIVALS if each != "ppo")):
         card = read_card(next(iter(shipped(AGENTS[name], ROBOT).values())) / CARD)

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from PIL import Image, ImageDraw
 from results_page import LEARNED, ONLY_MAP, README, Row, Store, at_pace, best_sets, entry_of, marked, verdict_of
-from sections import KEPT
+from sections import RESULTS
 
 from wayfield import policies
 from wayfield.benchmarks.contests import PACE_TOLERANCE
@@ -108,8 +108,8 @@ def panels(store: Store) -> Iterator[Panel]:
     """Yields the tasks that there are kept rows of."""
     for title, axis, unit, scenes, stem, win, kinds in _TASKS:
         board, lines = store.rows(f"{stem}_board"), store.rows(f"{stem}_pairs")
-        found = [_match(board, lines, kind, where, unit) for kind, where in kinds.items()]
-        if matches := tuple(each for each in found if each is not None):
+        matches_of = [_match(board, lines, kind, where, unit) for kind, where in kinds.items()]
+        if matches := tuple(each for each in matches_of if each is not None):
             yield Panel(title, axis, unit, scenes, win, matches)
     if matches := tuple(_crowds(store)):
         win = "{} solves more scenes than {} {where}"
@@ -125,8 +125,8 @@ def _match(board: Sequence[Row], lines: Sequence[Row], kind: str, where: str, un
     controller = next(iter(best_sets([row for row in able if row not in learned], held)), None)
     if agent is None or controller is None:
         return None
-    found = verdict_of(lines, kind, entry_of(controller), entry_of(agent))
-    if found is None:
+    verdict = verdict_of(lines, kind, entry_of(controller), entry_of(agent))
+    if verdict is None:
         return None
     cost = next(name for name in agent if name.endswith(("error (mm)", "time (s)")))
     column = SUCCESS if unit == "%" else cost
@@ -135,18 +135,18 @@ def _match(board: Sequence[Row], lines: Sequence[Row], kind: str, where: str, un
         _agent(agent["policy"], "" if agent["gains"] == "trained" else "one seed"),
     )
     bars = [Bar(each, *_numbers(row[column])) for each, row in zip(names, (controller, agent), strict=True)]
-    here = Match(where, bars[0], bars[1], int(found[1]["scenarios"]), _outcome(*found, unit))
+    here = Match(where, bars[0], bars[1], int(verdict[1]["scenarios"]), _outcome(*verdict, unit))
     both = controller, agent
     if unit == "%":
         ppo = next((row for row in learned if row["policy"] == PPO and row is not agent), None)
         here = dataclasses.replace(here, ppo="" if ppo is None else f"{_numbers(ppo[SUCCESS])[0]:.1f}")
         collided = _numbers(controller["collision (%)"])[0], _numbers(agent["collision (%)"])[0]
         here = dataclasses.replace(here, collided=collided)
-        timed = here.outcome in (BETTER, WORSE) and not found[0].on_success
+        timed = here.outcome in (BETTER, WORSE) and not verdict[0].on_success
         times = [f"{_numbers(row[cost])[0]:.1f}" for row in both][:: 1 if here.outcome == BETTER else -1]
         return dataclasses.replace(here, faster="{} vs. {} s".format(*times)) if timed else here
     speeds, shares = ((_numbers(controller[each])[0], _numbers(agent[each])[0]) for each in ("speed (m/s)", SUCCESS))
-    if "successes" in found[0].words:
+    if "successes" in verdict[0].words:
         return dataclasses.replace(here, shares=shares)
     apart = abs(speeds[0] - speeds[1]) > PACE_TOLERANCE * speeds[1]
     return dataclasses.replace(here, speeds=speeds if apart else None)
@@ -163,8 +163,8 @@ def _agent(policy: str, seeds: str) -> str:
 
 
 def _numbers(cell: str) -> tuple[float, float, float]:
-    found = [float(each) for each in re.findall(r"-?\d+\.?\d*", cell)]
-    return (found[0], found[1], found[2]) if len(found) == 3 else (found[0], found[0], found[0])
+    values = [float(each) for each in re.findall(r"-?\d+\.?\d*", cell)]
+    return (values[0], values[1], values[2]) if len(values) == 3 else (values[0], values[0], values[0])
 
 
 def _outcome(verdict: Verdict, line: Row, turned: bool, unit: str) -> str:
@@ -180,8 +180,8 @@ def _outcome(verdict: Verdict, line: Row, turned: bool, unit: str) -> str:
         low, high = -high, -low
     if verdict.outcome == SLOWER:  # an error at another speed, which is told beside it
         return OPEN
-    found = EQUIVALENT if words == EQUIVALENT or f"{EQUIVALENT} in {of}" in words else OPEN
-    return flocks.leaning(found, low, high).partition(", ")[0]
+    words_of = EQUIVALENT if words == EQUIVALENT or f"{EQUIVALENT} in {of}" in words else OPEN
+    return flocks.leaning(words_of, low, high).partition(", ")[0]
 
 
 def _crowds(store: Store) -> Iterator[Match]:
@@ -209,7 +209,7 @@ def _crowds(store: Store) -> Iterator[Match]:
 
 
 def _rows(store: Store, name: str) -> list[Row]:
-    place = f"{KEPT}/{name}"
+    place = f"{RESULTS}/{name}"
     return list(csv.DictReader(io.StringIO(store.text(place)))) if place in store else []
 
 
@@ -228,10 +228,10 @@ def _share(rows: Sequence[Row], name: str, metric: str) -> tuple[float, float, f
     return value, *(ends or (value, value))
 
 
-def sentences(found: Sequence[Panel]) -> list[str]:
+def sentences(shown_panels: Sequence[Panel]) -> list[str]:
     """Returns a sentence a task: who wins, by how much, in how many scenes."""
     verdicts = []
-    for panel in itertools.chain.from_iterable(map(_bullets, found)):
+    for panel in itertools.chain.from_iterable(map(_bullets, shown_panels)):
         clauses: list[str] = []
         before = ""
         for match in panel.matches:
@@ -291,20 +291,20 @@ def readme(store: Store) -> dict[str, bytes]:
     return {README: marked(store, README, [*_lines(list(panels(store))), *stale]).encode()}
 
 
-def _lines(found: Sequence[Panel]) -> list[str]:
-    if not found:
+def _lines(shown_panels: Sequence[Panel]) -> list[str]:
+    if not shown_panels:
         return ["No run of this version is published."]
     shown = f"![The best controller beside the best agent at each task, with 95 % intervals]({FIGURE})"
-    return ["\n".join([_count(found), "", shown, "", *sentences(found)])]
+    return ["\n".join([_count(shown_panels), "", shown, "", *sentences(shown_panels)])]
 
 
-def _count(found: Sequence[Panel]) -> str:
+def _count(shown_panels: Sequence[Panel]) -> str:
     """Returns how many kinds of scenes each camp wins, and which."""
     won, lost = (
-        [_where(panel, match) for panel in found for match in panel.matches if match.outcome == outcome]
+        [_where(panel, match) for panel in shown_panels for match in panel.matches if match.outcome == outcome]
         for outcome in (BETTER, WORSE)
     )
-    count = sum(len(panel.matches) for panel in found)
+    count = sum(len(panel.matches) for panel in shown_panels)
     wins, losses = (len(each) or "none" for each in (won, lost))
     ties = count - len(won) - len(lost)
     which = [f"{camp} win {_listed(each)}." for camp, each in (("Controllers", won), ("Agents", lost)) if each]
@@ -328,11 +328,11 @@ def _where(panel: Panel, match: Match) -> str:
     return f"{'on ' if panel.unit == 'mm' else task}{match.where}{' (by time)' * bool(match.faster)}"
 
 
-def figure(found: Sequence[Panel]) -> bytes:
+def figure(shown_panels: Sequence[Panel]) -> bytes:
     """Returns the figure as PNG: a panel a task, a group of two bars a kind of scenes."""
     with matplotlib.rc_context(RC):
         drawn = Figure((9.6, 9.0))
-        for axes, panel in zip(drawn.subplots(2, 2).flat, found, strict=False):
+        for axes, panel in zip(drawn.subplots(2, 2).flat, shown_panels, strict=False):
             _draw(axes, panel)
         keys = [
             Patch(color=CONTROLLER, label="best controller without a map"),

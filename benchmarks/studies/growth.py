@@ -14,10 +14,10 @@ from typing import Any
 import click
 import numba
 import numpy as np
-from kept_parts import read, write
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, LogLocator, NullLocator
+from part_rows import read, write
 from throughput import NUM_SCANNING, Contender, building, discs, measured, spread, vector_steps
 
 from wayfield.benchmarks.figures.drawing import PALETTE, RC

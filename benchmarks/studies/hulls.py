@@ -14,7 +14,7 @@ from typing import Any
 
 import click
 import numpy as np
-from kept_parts import drive_missing, table
+from part_rows import drive_missing, table
 
 from wayfield.benchmarks.contests import CONTESTS, Contest, Entrants
 from wayfield.benchmarks.runs.suite import Setting, episodes
@@ -26,8 +26,8 @@ from wayfield.envs.scenarios.splits import digest, split
 from wayfield.system.command_line import OneLineErrors
 from wayfield.system.storage import write_whole
 
-KEPT = Path("docs/results")
-ROWS, SCENES, PAGE = KEPT / "hulls.csv.xz", KEPT / "hulls.json", KEPT / "hulls.md"
+RESULTS = Path("docs/results")
+ROWS, SCENES, PAGE = RESULTS / "hulls.csv.xz", RESULTS / "hulls.json", RESULTS / "hulls.md"
 FIELDS = ("robot", "kind", "family", "scene", "policy", "success", "collision", "time")
 COUNT = 100  # scenes a cell, at least
 HULLS = (0.3, 0.35, 0.45, 0.55, 0.7)  # m
@@ -72,19 +72,19 @@ BASES = {robot.name: robot for robot in (*map(disc, HULLS), BASE, ROBOTS["husky"
 
 def scenes(hull: float) -> dict[str, dict[str, Any]]:
     """Returns of the test scenes of a hull class (m) how many have a proven way, and which they are, by task."""
-    found = {}
+    scenes_of = {}
     for task in ("goal_reaching", "docking"):
         spec = TASKS[task]
         there, frozen = (split(task, "all", name) for name in (f"test@{hull:.2f}", "test"))
         moved = tuple(each.of_class(hull) for each in frozen)
-        found[task] = {
+        scenes_of[task] = {
             "scenes": len(there),
             "as_frozen": sum(a.name == b.name for a, b in zip(there, frozen, strict=True)),
             "proven": sum(spec.feasible(each, hull) for each in there),
             "digest": digest(there)[:16],
             "moved": digest(moved)[:16],  # before docks without a way were replaced
         }
-    return found
+    return scenes_of
 
 
 def drive(robot: Robot, kind: str, policy: str) -> list[tuple[str, ...]]:
@@ -130,7 +130,7 @@ def compared(rows: Sequence[dict[str, str]]) -> str:
     cells = {(row["robot"], row["kind"], row["policy"], row["family"], row["scene"]): row["success"] for row in rows}
     places = {(row["kind"], row["family"], row["scene"]): None for row in rows}
     lines: list[list[str]] = []
-    found = []
+    differences = []
     for kind, rival in RIVALS.items():
         scenes = [place for place in places if place[0] == kind]
         for name in BASES:
@@ -138,9 +138,9 @@ def compared(rows: Sequence[dict[str, str]]) -> str:
                 np.array([[float(cells[name, kind, policy, *scene[1:]])] for scene in scenes])
                 for policy in ("any_robot", rival)
             )
-            found.append(difference(agent, law, [family for _, family, _ in scenes], "share"))
+            differences.append(difference(agent, law, [family for _, family, _ in scenes], "share"))
             lines.append([KINDS[kind].title, f"`{name}`", f"`{rival}`"])
-    for line, each, p in zip(lines, found, holm([each.p for each in found]), strict=True):
+    for line, each, p in zip(lines, differences, holm([each.p for each in differences]), strict=True):
         interval = f"{100.0 * each.value:+.1f} [{100.0 * each.low:+.1f}, {100.0 * each.high:+.1f}]"
         line += [
             interval,
@@ -149,11 +149,11 @@ def compared(rows: Sequence[dict[str, str]]) -> str:
     return table(lines, ("scenes", "base", "controller", "`any_robot` less the controller (points)", "successes"))
 
 
-def feasibility(found: dict[str, Any]) -> str:
+def feasibility(scenes_by_hull: dict[str, Any]) -> str:
     """Returns the table of the scenes of each class."""
     lines = [
         (hull, task.replace("_", " "), counts["scenes"], counts["proven"], counts["as_frozen"], f"`{counts['digest']}`")
-        for hull, tasks in found.items()
+        for hull, tasks in scenes_by_hull.items()
         for task, counts in tasks.items()
     ]
     header = ("class (m)", "task", "test scenes", "with a proven path", "scenes of the 0.3 m split", "SHA-256 begins")
@@ -176,7 +176,7 @@ each other. Simulation only.
 """
 
 
-def page(rows: Sequence[dict[str, str]], found: dict[str, Any]) -> str:
+def page(rows: Sequence[dict[str, str]], scenes_by_hull: dict[str, Any]) -> str:
     """Returns the page."""
     done = {(row["kind"], row["robot"], row["policy"]) for row in rows}
     parts = [PROSE.strip()]
@@ -187,7 +187,7 @@ def page(rows: Sequence[dict[str, str]], found: dict[str, Any]) -> str:
     if not any("Not driven" in part for part in parts):
         parts += ["## The agent beside the best controller", compared(rows), AFTER]
     note = "A proven path was found by search for a disc of the class. Docks without one are replaced by other seeds'."
-    parts += ["## Scenes of each class", feasibility(found), note]
+    parts += ["## Scenes of each class", feasibility(scenes_by_hull), note]
     return "\n\n".join(parts) + "\n"
 
 
@@ -201,7 +201,7 @@ AFTER = (
 @click.option("--cells", "most", type=click.IntRange(0), help="Drive at most so many cells.  [default: all]")
 def main(most: int | None) -> None:
     """Drives what is missing, and writes the page."""
-    found = json.loads(SCENES.read_text(encoding="utf-8")) if SCENES.exists() else {}
+    scenes_by_hull = json.loads(SCENES.read_text(encoding="utf-8")) if SCENES.exists() else {}
     cells = [(name, kind, policy) for kind in KINDS for policy in KINDS[kind].policies for name in BASES]
     cells.sort(key=lambda cell: FIRST.index(cell[2]))  # stable: where time is short, the quick ones are done
     parts = [
@@ -210,10 +210,10 @@ def main(most: int | None) -> None:
     ]
     order = [*BASES, *KINDS].index
     rows = drive_missing(ROWS, FIELDS, parts, most, lambda row: (order(row["robot"]), order(row["kind"])))
-    for hull in [each for each in CLASSES if most != 0 and f"{each:.2f}" not in found]:
-        found[f"{hull:.2f}"] = scenes(hull)
-        write_whole(SCENES, (json.dumps(found, indent=1) + "\n").encode())
-    write_whole(PAGE, page(rows, found).encode())
+    for hull in [each for each in CLASSES if most != 0 and f"{each:.2f}" not in scenes_by_hull]:
+        scenes_by_hull[f"{hull:.2f}"] = scenes(hull)
+        write_whole(SCENES, (json.dumps(scenes_by_hull, indent=1) + "\n").encode())
+    write_whole(PAGE, page(rows, scenes_by_hull).encode())
 
 
 if __name__ == "__main__":

@@ -22,24 +22,24 @@ def script(seconds: float, top: float) -> Floats:
     """Returns the commands (n,) of one axis at 20 Hz: rest, steps, reversals, beyond the limit, ramp and chirp."""
     levels = [(0, 2), *((level, 1.4) for level in (1, -1, 0.5, -0.5, 0.25, -0.25)), (0, 1)]
     levels += [(1, 2), (-1, 2.5), (1, 2.5), (-1, 2.5), (0, 1.5), (1.3, 3.5), (-1.3, 4.5), (0, 1.5)]
-    found = [np.full(round(span * seconds / 60.0 / PERIOD), float(level)) for level, span in levels]
+    parts = [np.full(round(span * seconds / 60.0 / PERIOD), float(level)) for level, span in levels]
     ramp = round(6.0 * seconds / 60.0 / PERIOD)
-    found.append(0.8 * (1.0 - np.abs(np.linspace(-1.0, 1.0, ramp))))
-    left = round(seconds / PERIOD) - sum(map(len, found))
+    parts.append(0.8 * (1.0 - np.abs(np.linspace(-1.0, 1.0, ramp))))
+    left = round(seconds / PERIOD) - sum(map(len, parts))
     t = np.arange(left) * PERIOD
-    found.append(0.6 * np.sin(2.0 * np.pi * (0.2 * t + 0.5 * (1.3 - 0.2) / (left * PERIOD) * t * t)))
-    return top * np.concatenate(found)
+    parts.append(0.6 * np.sin(2.0 * np.pi * (0.2 * t + 0.5 * (1.3 - 0.2) / (left * PERIOD) * t * t)))
+    return top * np.concatenate(parts)
 
 
 def coloured(rng: np.random.Generator, n: int, deviation: float, correlation: float) -> Floats:
     """Returns noise (n,) of a first-order process."""
     white = rng.normal(0.0, deviation, n)
-    found = np.empty(n)
+    noise = np.empty(n)
     last = white[0]
     for i in range(n):
         last = correlation * last + np.sqrt(1.0 - correlation**2) * white[i] if i else white[0]
-        found[i] = last
-    return found
+        noise[i] = last
+    return noise
 
 
 def drive_of(
@@ -107,21 +107,21 @@ def hidden_base(rng: np.random.Generator) -> tuple[int, Floats, Floats]:
 
 def joystick(rng: np.random.Generator, top: Floats, n: int, period: float) -> Floats:
     """Returns commands (n, 2) of one who pushes two sticks and holds them, at times beyond what the base can."""
-    found = np.zeros((n, 2))
+    commands = np.zeros((n, 2))
     for k in range(2):
         i, level = 0, 0.0
         while i < n:
             share = rng.choice([0.0, 0.0, 1.0, -1.0, *rng.uniform(-1.0, 1.0, 2)]) * rng.choice([1.0, 1.0, 1.15])
             ramp, hold = (max(round(rng.uniform(*span) / period), 1) for span in ((0.05, 0.4), (0.2, 3.0)))
             part = np.concatenate([np.linspace(level, top[k] * share, ramp), np.full(hold, top[k] * share)])
-            found[i : i + len(part), k] = part[: n - i]
+            commands[i : i + len(part), k] = part[: n - i]
             i, level = i + len(part), top[k] * share
-    return found
+    return commands
 
 
 def route(rng: np.random.Generator, top: Floats, n: int, period: float) -> Floats:
     """Returns commands (n, 2) of a controller: legs in bends at part of the top speed, stops and turns between."""
-    found, i, v, w = np.zeros((n, 2)), 0, 0.0, 0.0
+    commands, i, v, w = np.zeros((n, 2)), 0, 0.0, 0.0
     cruise, up = rng.uniform(0.4, 0.9) * top[0], top[0] / rng.uniform(0.5, 2.0) * period
     while i < n:
         end = i + round(rng.uniform(5.0, 20.0) / period)
@@ -129,14 +129,14 @@ def route(rng: np.random.Generator, top: Floats, n: int, period: float) -> Float
             goal = cruise if i < end - 2.0 / period else 0.0
             v += min(max(goal - v, -up), up)
             w += 0.35 * top[1] * math.sqrt(period) * rng.normal() - w * period / 1.5
-            found[i] = v, min(max(w, -0.8 * top[1]), 0.8 * top[1]) if v > 0.0 else 0.0
+            commands[i] = v, min(max(w, -0.8 * top[1]), 0.8 * top[1]) if v > 0.0 else 0.0
         i += 1
         if rng.random() < 0.4:
             turn = round(rng.uniform(1.0, 3.0) / period)
-            found[i : i + turn, 1] = rng.choice([-0.5, 0.5]) * top[1]
+            commands[i : i + turn, 1] = rng.choice([-0.5, 0.5]) * top[1]
             i += turn
         i += round(1.0 / period)
-    return found
+    return commands
 
 
 def excite(rng: np.random.Generator, top: Floats, n: int, period: float) -> Floats:
@@ -147,8 +147,8 @@ def excite(rng: np.random.Generator, top: Floats, n: int, period: float) -> Floa
     both = (
         0.95 * top * np.stack([np.concatenate(each) for each in ([part, none, 0.6 * part], [none, part, 0.6 * part])]).T
     )
-    found: Floats = both[(np.arange(n) * period / PERIOD).astype(int) % len(both)]
-    return found
+    twists: Floats = both[(np.arange(n) * period / PERIOD).astype(int) % len(both)]
+    return twists
 
 
 def drawn_log(seed: int) -> Drawn:
@@ -192,8 +192,8 @@ def drawn_log(seed: int) -> Drawn:
 
 def covered(drawn: Drawn) -> list[tuple[Estimate, bool]]:
     """Returns the estimates of a log, and whether their intervals hold what is true, to a thousandth."""
-    found = intervals(fit(check(drawn.log).drive)).estimates
-    return [(each, each.low * 0.999 <= drawn.truth[each.name] <= each.high * 1.001) for each in found]
+    estimates = intervals(fit(check(drawn.log).drive)).estimates
+    return [(each, each.low * 0.999 <= drawn.truth[each.name] <= each.high * 1.001) for each in estimates]
 
 
 def skid_steer(rng: np.random.Generator, seconds: float = 130.0) -> Drive:
@@ -222,10 +222,10 @@ def spoiled(rng: np.random.Generator, drive: Drive) -> Drive:
     wrong = rng.random(len(speeds)) < 0.01
     speeds[wrong] += rng.normal(0.0, (3.0, 8.0), (int(wrong.sum()), 2))
     times = np.maximum.accumulate(drive.times + rng.exponential(0.008, len(speeds))) + 1e-6 * np.arange(len(speeds))
-    kept = rng.random(len(speeds)) > 0.05
-    kept[:40] = True
+    intact = rng.random(len(speeds)) > 0.05
+    intact[:40] = True
     return Drive(
-        drive.command_times, drive.commands, times[kept], speeds[kept], drive.starts[kept], drive.counted[kept]
+        drive.command_times, drive.commands, times[intact], speeds[intact], drive.starts[intact], drive.counted[intact]
     )
 
 

@@ -70,8 +70,8 @@ def errors(lost: float) -> Callable[[np.random.Generator, int, int, int], Array]
         scenario = rng.normal(size=(families, scenarios, 1))
         agent = 0.15 * rng.normal(size=(1, 1, agents)) if agents > 1 else 0.0
         both = 0.3 * rng.normal(size=(families, scenarios, agents)) if agents > 1 else 0.0
-        found = 0.01 * np.exp(level + spread * scenario + agent + both)
-        return np.where(rng.random(found.shape) < lost, _FAILURE, found)
+        sample = 0.01 * np.exp(level + spread * scenario + agent + both)
+        return np.where(rng.random(sample.shape) < lost, _FAILURE, sample)
 
     return draw
 
@@ -159,8 +159,8 @@ def of_pairs(
 
     def ends(values: Array, strata: list[str], seed: int) -> Ends:
         del seed
-        found = difference(values, np.zeros((len(values), 1)), strata, reduction, dearer)
-        return found.low, found.high
+        change = difference(values, np.zeros((len(values), 1)), strata, reduction, dearer)
+        return change.low, change.high
 
     return ends
 
@@ -173,38 +173,38 @@ def of_shares(values: Array, strata: list[str], seed: int) -> Ends:
 
 def designs() -> list[Design]:
     """Returns the intervals of the tables, each in samples of the size that the suites have."""
-    found = []
+    every = []
     sizes = {(13, 10): _SHOWN[0], (20, 10): _SHOWN[1], (13, 5): _SHOWN[2]}
     for (families, count), where in sizes.items():
         for agents in (1, 10):
             paths = families == 13
             if paths:
                 boot = bootstrap(iqm)
-                found.append(Design("error, IQM", where, families, count, agents, errors(0.0), iqm, boot))
-                found.append(Design("error, IQM, 7 % lost", where, families, count, agents, errors(0.07), iqm, boot))
+                every.append(Design("error, IQM", where, families, count, agents, errors(0.0), iqm, boot))
+                every.append(Design("error, IQM, 7 % lost", where, families, count, agents, errors(0.07), iqm, boot))
                 pair = of_pairs("iqm")
-                found.append(
+                every.append(
                     Design("paired difference of errors", where, families, count, agents, pairs_of_errors, iqm, pair)
                 )
             else:
-                found.append(Design("score, mean", where, families, count, agents, scores, mean, of_counted(0.0)))
+                every.append(Design("score, mean", where, families, count, agents, scores, mean, of_counted(0.0)))
     for families, where in ((20, _SHOWN[1]), (5, _SHOWN[3])):
         for agents in (1, 10):
             of_all = families, 10, agents
             for failing in (0.0, 0.02, 0.15):
                 name = f"time, {100.0 * (1.0 - failing):.0f} % reached"
-                found.append(Design(name, where, *of_all, times(failing), mean, of_counted(_CLOCK)))
+                every.append(Design(name, where, *of_all, times(failing), mean, of_counted(_CLOCK)))
             pair, draw = of_pairs("mean", _CLOCK - _TYPICAL), pairs_of_times(0.004, 0.02)
-            found.append(Design("paired difference of times, 99.6 and 98 %", where, *of_all, draw, mean, pair))
+            every.append(Design("paired difference of times, 99.6 and 98 %", where, *of_all, draw, mean, pair))
     for families, count, where in ((13, 10, _SHOWN[0]), (20, 10, _SHOWN[1]), (13, 5, _SHOWN[4]), (20, 5, _SHOWN[5])):
         for agents in (1, 10):
             for failing in (0.01, 0.15):
                 of_all = families, count, agents
                 name = f"success, {100.0 * (1.0 - failing):.0f} %"
-                found.append(Design(name, where, *of_all, successes(failing), mean, of_shares))
+                every.append(Design(name, where, *of_all, successes(failing), mean, of_shares))
                 draw = pairs_of_successes(failing)
-                found.append(Design(f"paired difference of {name}", where, *of_all, draw, mean, of_pairs("share")))
-    return found
+                every.append(Design(f"paired difference of {name}", where, *of_all, draw, mean, of_pairs("share")))
+    return every
 
 
 def covered(job: tuple[int, int, int]) -> int:
@@ -219,9 +219,9 @@ def covered(job: tuple[int, int, int]) -> int:
     held_by = 0
     for k in range(simulations):
         sample = design.draw(rng, design.families, design.scenarios, design.agents)
-        found = design.ends(sample.reshape(len(strata), -1), strata, k)
-        assert found is not None
-        held_by += found[0] <= true <= found[1]
+        ends = design.ends(sample.reshape(len(strata), -1), strata, k)
+        assert ends is not None
+        held_by += ends[0] <= true <= ends[1]
     return held_by
 
 
@@ -230,9 +230,9 @@ def coverage_table(count: int, simulations: int, seed: int, command: str) -> Tab
     every = designs()
     with workers(count) as in_parallel:
         wanted = [(k, simulations, seed) for k in range(len(every))]
-        found = list(tracked(in_parallel(covered, wanted), len(wanted), "designs"))
+        shares = list(tracked(in_parallel(covered, wanted), len(wanted), "designs"))
     lines = []
-    for design, held_by in zip(every, found, strict=True):
+    for design, held_by in zip(every, shares, strict=True):
         low, high = exact_interval(held_by / simulations, simulations)
         who = "a policy" if design.agents == 1 else f"{design.agents} agents"
         cells = [design.what, design.where, f"{design.families} x {design.scenarios}", who]

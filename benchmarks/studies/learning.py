@@ -18,9 +18,9 @@ import click
 import gymnasium
 import numpy as np
 import torch
-from kept_parts import read, write
 from matplotlib import rc_context
 from matplotlib.figure import Figure
+from part_rows import read, write
 from stable_baselines3 import PPO, SAC, TD3
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
@@ -36,8 +36,8 @@ from wayfield.policies.training.sac import squashed
 from wayfield.policies.training.validation import Score, validate
 from wayfield.system.storage import write_whole
 
-KEPT = Path("docs/results")
-TABLE, PAGE, FIGURE = KEPT / "learning.csv", KEPT / "learning.md", KEPT / "learning.png"
+RESULTS = Path("docs/results")
+TABLE, PAGE, FIGURE = RESULTS / "learning.csv", RESULTS / "learning.md", RESULTS / "learning.png"
 STEPS, VALIDATIONS, SEEDS = 100_000, 5, 3
 ROBOTS, HIDDEN = 64, [64, 64]
 UPDATES_PER_STEP = 0.25  # gradient steps of SAC and TD3 a control period of a robot
@@ -104,13 +104,13 @@ def layers(model: BaseAlgorithm) -> Layers:
     return squashed([*actor.latent_pi, actor.mu] if isinstance(model, SAC) else actor.mu)
 
 
-def score(preset: Preset, found: Layers) -> Score:
+def score(preset: Preset, layers: Layers) -> Score:
     """Returns what a network does on the validation scenes of its preset."""
     here = preset.worlds
     kwargs = preset.env_kwargs(here.validation)
     probe: Any = gymnasium.make(here.env_ids[0], **kwargs).unwrapped
-    card = described_agent(preset, probe.task, here.env_ids[0], kwargs, "", found)
-    network = Network.of(found, preset.learning.activation)
+    card = described_agent(preset, probe.task, here.env_ids[0], kwargs, "", layers)
+    network = Network.of(layers, preset.learning.activation)
     agent = Agent(network, preset.features, preset.actions, card, here.speed, preset.base)
     return validate(agent, here.env_ids[0], kwargs, probe.spec.max_episode_steps or 1200)
 
@@ -127,9 +127,9 @@ def run(task: str, name: str, seed: int) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = []
     preset = TASKS[task].preset
 
-    def seen(steps: int, found: Layers) -> None:
+    def seen(steps: int, layers: Layers) -> None:
         with torch.no_grad():
-            made = score(preset, found)
+            made = score(preset, layers)
         rows.append(row_of(task, name, seed, steps, made))
 
     if name == FULL:
@@ -225,13 +225,13 @@ def page(rows: Sequence[Mapping[str, Any]]) -> str:
         for name in (*COLORS, *entrants.laws):
             ends = [each for each in rows if (each["task"], each["learner"]) == (task, name)]
             ends = [list(each)[-1] for _, each in itertools.groupby(ends, lambda row: row["seed"])]
-            found = {
+            last = {
                 key: np.array([float(row[key]) for row in ends]) for key in ("success", "failure", "error", "speed")
             }
-            seeds = ", ".join(f"{100.0 * each:.1f}" for each in found["success"]) if name in COLORS else ""
+            seeds = ", ".join(f"{100.0 * each:.1f}" for each in last["success"]) if name in COLORS else ""
             cells = [name if name in COLORS else f"`{name}`", f"{int(ends[0]['steps']):,}" if name in COLORS else ""]
-            cells += [f"{100.0 * found['success'].mean():.1f}", seeds, f"{100.0 * found['failure'].mean():.1f}"]
-            cells += [f"{factor * np.nanmean(found['error']):.1f}", f"{found['speed'].mean():.2f}"]
+            cells += [f"{100.0 * last['success'].mean():.1f}", seeds, f"{100.0 * last['failure'].mean():.1f}"]
+            cells += [f"{factor * np.nanmean(last['error']):.1f}", f"{last['speed'].mean():.2f}"]
             lines.append(f"| {' | '.join(cells)} |")
         failed = "leaving the corridor" if task == "path following" else "a collision"
         of = "of all runs, with 1 m for a failed one" if task == "path following" else "of successes"

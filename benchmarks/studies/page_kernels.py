@@ -150,13 +150,13 @@ def linked(folder: Path, names: Sequence[str]) -> bytes:
 @click.command("wasm", cls=OneLineErrors)
 @click.option("--out", type=click.Path(path_type=Path), help="Folder.  [default: beside the page's other files]")
 @click.option(
-    "--tables", "kept", is_flag=True, help="Only the tables: gains, data sheets, agents. Kernels are as they were."
+    "--tables", "unchanged", is_flag=True, help="Only the tables: gains, data sheets, agents. Kernels are as they were."
 )
-def main(out: Path | None, kept: bool) -> None:
+def main(out: Path | None, unchanged: bool) -> None:
     """Builds the page's WebAssembly module and its tables from the sources of today."""
     # where an editable install's links lead
     folder = out or (Path(report.__path__[0]) / "page" / TABLES).resolve().parent
-    if kept:
+    if unchanged:
         content = {"orders": json.loads((folder / TABLES).read_text(encoding="utf-8"))["orders"], **tables()}
         write_whole(folder / TABLES, json.dumps(content, separators=(",", ":"), allow_nan=False).encode())
         return

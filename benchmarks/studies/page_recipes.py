@@ -17,7 +17,7 @@ from page_looks import AMONG_BODIES as LOOKS_AMONG_BODIES
 from page_looks import TO_POSES as LOOKS_TO_POSES
 from page_looks import Look, dock_by_scan, orca_of_team, orca_of_team_map
 
-from wayfield.benchmarks.contests import CONTESTS, FOUND, Contest
+from wayfield.benchmarks.contests import COMPLETE, CONTESTS, Contest
 from wayfield.benchmarks.contests.crowds import PEOPLE, TEAMS
 from wayfield.benchmarks.report.worlds import IN_PAGE
 from wayfield.envs import scenarios
@@ -202,13 +202,13 @@ Call = tuple[str, list[Leaf]]  # of an export
 
 def leaves(names: Sequence[str], values: Sequence[Any]) -> list[Leaf]:
     """Returns the arrays and numbers of some arguments, those of a bundle with its name in front."""
-    found: list[Leaf] = []
+    parts: list[Leaf] = []
     for name, value in zip(names, values, strict=True):
         if isinstance(value, tuple):
-            found += [(f"{name}.{field}", each) for field, each in zip(value._fields, value, strict=True)]  # type: ignore[attr-defined]
+            parts += [(f"{name}.{field}", each) for field, each in zip(value._fields, value, strict=True)]  # type: ignore[attr-defined]
         else:
-            found.append((name, value))
-    return found
+            parts.append((name, value))
+    return parts
 
 
 def names_of(kernel: Any) -> tuple[str, ...]:
@@ -378,8 +378,8 @@ def of_policies(name: str, function: str = "") -> Any:
     """Returns a module of the policies, that of a function where perception's are meant."""
     if name == "perception":
         name = CALLED_IN.get(function, name)
-    found = (f"wayfield.policies.{room}.{name}" for room in ROOMS)
-    return importlib.import_module(next(each for each in found if importlib.util.find_spec(each)))
+    modules = (f"wayfield.policies.{room}.{name}" for room in ROOMS)
+    return importlib.import_module(next(each for each in modules if importlib.util.find_spec(each)))
 
 
 # What predicts the state of a base that answers late, for all laws.
@@ -488,7 +488,7 @@ Places = dict[str, list[list[Any]]]  # by gain, where the decision's arguments h
 def sliders_of(task: str, name: str, env: NativeVectorEnv) -> dict[str, Any]:
     """Returns the gains of a policy that the page can change, and the names of the others."""
     places = gain_places(task, name, env)
-    found, fixed = [], []
+    sliders, fixed = [], []
     for field, each in gains_of(make(name)).items():
         if field not in places:
             fixed.append(field)
@@ -496,8 +496,8 @@ def sliders_of(task: str, name: str, env: NativeVectorEnv) -> dict[str, Any]:
         low, high = ends_of(each)
         above = next((end for end in (each.above, each.least) if isinstance(end, str)), None)
         about = {"name": field, "unit": "" if each.unit == "1" else each.unit, "about": each.meaning, "above": above}
-        found.append({**about, "low": low, "high": high, "whole": each.kind is int, "places": places[field]})
-    return {"gains": found, "fixed": fixed}
+        sliders.append({**about, "low": low, "high": high, "whole": each.kind is int, "places": places[field]})
+    return {"gains": sliders, "fixed": fixed}
 
 
 def ends_of(each: Gain) -> tuple[float, float]:
@@ -524,15 +524,15 @@ def gain_places(task: str, name: str, env: NativeVectorEnv) -> Places:
     """
     if (task, name) not in _PLACES:
         before = _numbers(task, name, {}, env)
-        found: Places = {}
+        reached: Places = {}
         for field, each in gains_of(make(name)).items():
             if each.kind not in (int, float) or not math.isfinite(each.default) or field == "seed":
                 continue
             tried = [_differing(task, name, field, value, before, env) for value in (*ends_of(each), _near(each))]
             known = [places for places in tried if places is not None]
             if len(known) >= 2 and known[0] and all(places == known[0] for places in known):
-                found[field] = known[0]
-        _PLACES[task, name] = found
+                reached[field] = known[0]
+        _PLACES[task, name] = reached
     return _PLACES[task, name]
 
 
@@ -544,18 +544,18 @@ def gain_limits(task: str, name: str, env: NativeVectorEnv) -> dict[str, float]:
     """
     before = _numbers(task, name, {}, env)
     gains = gains_of(make(name))
-    found = {}
+    limits = {}
     for field, places in gain_places(task, name, env).items():
         low, high = ends_of(gains[field])
         if _held(task, name, {field: high}, before, places, env) == high:
-            found[field] = math.inf
+            limits[field] = math.inf
             continue
         held = {end: _held(task, name, {field: end}, before, places, env) for end in (low, _near(gains[field]), high)}
         taken = {end: number for end, number in held.items() if number is not None}
         most = max(taken.values(), default=math.nan)
         if len(taken) >= 2 and all(number == min(end, most) for end, number in taken.items()):
-            found[field] = math.inf if most == max(taken) else most
-    return found
+            limits[field] = math.inf if most == max(taken) else most
+    return limits
 
 
 def _held(
@@ -993,7 +993,7 @@ def tables(robots: Sequence[str] = (), tiers: Sequence[str] = ()) -> dict[str, A
                         label = name if gains_name == "default" else f"{name} ({gains_name})"
                         key = f"{task} {robot} {actuators} {label}"
                         content["pilots"][key] = recipe(task, name, gains, limits, env, blobs)
-                        content["pilots"][key]["cruise"] = None if gains_name in FOUND else cruise_of(name, gains)
+                        content["pilots"][key]["cruise"] = None if gains_name in COMPLETE else cruise_of(name, gains)
                 for name in agents(task):
                     for label in agent_labels(task, name, robot):
                         key = f"{task} {robot} {actuators} {label}"
@@ -1043,10 +1043,10 @@ def fill_bearings(y: Any, x: Any, angles: Any) -> None:
 @allocating
 def smooth_course(points: Any, closed: Any, ends_only: Any, out: Any) -> None:
     """Fills how many points the path has without its wiggles, and below these (n, 3); see `path_smoothing`."""
-    found = path_smoothing.smooth_points(points, closed, ends_only)
-    out[0, 0] = found.shape[0]
-    for k in range(min(found.shape[0], out.shape[0] - 1)):
-        out[k + 1] = found[k]
+    smoothed = path_smoothing.smooth_points(points, closed, ends_only)
+    out[0, 0] = smoothed.shape[0]
+    for k in range(min(smoothed.shape[0], out.shape[0] - 1)):
+        out[k + 1] = smoothed[k]
 
 
 @allocating
@@ -1073,15 +1073,15 @@ def exports(task: str, policy: str) -> dict[str, Export]:
     contest = contest_of(task)
     timed_on = f"{contest.timed_on}/test"
     if policy in AGENTS:
-        found: dict[str, Export] = {}
+        exported: dict[str, Export] = {}
         for robot in fitting(task):  # agents of one may call more than those of another
             if not agent_labels(task, policy, robot):
                 continue
             # a quick base shows all that an agent calls: it is held to what the agent knows
             env = environment(task, robot, "ideal", timed_on)
             for kernel, values in agent_calls(task, Pilot(make(policy), env), env):
-                found.setdefault(export_in(kernel), (kernel, leaves(names_of(kernel), values), values))
-        return found
+                exported.setdefault(export_in(kernel), (kernel, leaves(names_of(kernel), values), values))
+        return exported
     if policy == LATE:
         return {
             export_of(LATE, name_of(kernel)): (kernel, leaves(names_of(kernel), values), values)
@@ -1091,11 +1091,11 @@ def exports(task: str, policy: str) -> dict[str, Export]:
     if policy:
         module, function, *_ = decisions(task)[policy]
         kernel, values = first_of(task, policy, make(policy), env)
-        found = {export_of(module, function): (kernel, leaves(names_of(kernel), values), values)}
+        exported = {export_of(module, function): (kernel, leaves(names_of(kernel), values), values)}
         if (look := look_of(task, policy)) is not None:
             handed = handed_to_look(look, kernel, values, np.zeros((look.places, 2)))
-            found[look_export(module, look)] = (look.kernel, leaves(names_of(look.kernel), handed), handed)
-        return found
+            exported[look_export(module, look)] = (look.kernel, leaves(names_of(look.kernel), handed), handed)
+        return exported
     batch, kinds = env.batch, type(env.task)
     results = Results(env.task, 1)
     outputs = (results.observations, results.numbers, results.flags)

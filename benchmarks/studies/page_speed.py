@@ -31,7 +31,7 @@ LOADS = 5
 def native(world: World) -> dict[str, float]:
     """Returns the microseconds of a call of each law as machine code, and puts the scenario's draws into the world."""
     env = environment(TASK, ROBOT, TIER, f"{contest_of(TASK).timed_on}/test")
-    found = {}
+    times = {}
     for name, (module, function) in LAWS.items():
         ((kernel, values),) = first_decision(env, make(name), [(of_policies(module), function)])
         kernel(*values)
@@ -41,11 +41,11 @@ def native(world: World) -> dict[str, float]:
             for _ in range(CALLS):
                 kernel(*values)
             least = min(least, (time.perf_counter() - begun) / CALLS * 1e6)
-        found[name] = least
+        times[name] = least
     state = env.batch.states[0]
     world |= plain(env.task.scenarios[int(state["scenario"])], contest_of(TASK).spec.clock)
     world["draws"] = np_random(0)[0].random(DRAWS).tolist()
-    return found
+    return times
 
 
 def in_webassembly(world: World) -> dict[str, float]:
@@ -55,8 +55,8 @@ def in_webassembly(world: World) -> dict[str, float]:
     query = json.dumps([conditions | {"policy": name} for name in LAWS])
     command = ["node", str(home / "speed.js"), str(home)]
     run = subprocess.run(command, input=query, capture_output=True, text=True, check=True)
-    found: dict[str, float] = json.loads(run.stdout)
-    return found
+    times: dict[str, float] = json.loads(run.stdout)
+    return times
 
 
 def _most(spent: list[float]) -> float:
@@ -70,14 +70,14 @@ def in_chromium(chromium: str, page: Path) -> dict[str, list[float]]:
     """
     from playwright.sync_api import sync_playwright
 
-    found: dict[str, list[float]] = {"ready": []}
+    times: dict[str, list[float]] = {"ready": []}
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
         for _ in range(LOADS):
             tab = browser.new_page(viewport={"width": 1280, "height": 800}, reduced_motion="reduce")
             tab.goto(page.as_uri())
-            found["ready"].append(tab.evaluate("ready.then(() => performance.now())"))
-            if len(found["ready"]) < LOADS:
+            times["ready"].append(tab.evaluate("ready.then(() => performance.now())"))
+            if len(times["ready"]) < LOADS:
                 tab.close()
         for name, overlay in (("MPPI", "false"), ("MPPI and its rollouts", "true")):
             query = f"""async () => {{
@@ -96,9 +96,9 @@ def in_chromium(chromium: str, page: Path) -> dict[str, list[float]]:
                   replay.toggle(false);
                   return spent.sort((a, b) => a - b);
                 }}"""
-            found[name] = min((tab.evaluate(query) for _ in range(LOADS)), key=_most)
+            times[name] = min((tab.evaluate(query) for _ in range(LOADS)), key=_most)
         browser.close()
-    return {name: sorted(map(float, each)) for name, each in found.items()}
+    return {name: sorted(map(float, each)) for name, each in times.items()}
 
 
 @click.command("speed", cls=OneLineErrors)

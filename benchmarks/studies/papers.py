@@ -14,9 +14,9 @@ from pathlib import Path
 
 import click
 import flocks
-import kept_parts
+import part_rows
 import sections
-from kept_rows import SUFFIX, read_packed
+from packed_rows import SUFFIX, read_packed
 
 from wayfield.benchmarks.contests import ALL_CONTESTS
 from wayfield.benchmarks.papers import CLAIMS
@@ -44,8 +44,8 @@ from wayfield.benchmarks.statistics.paired import holm
 from wayfield.envs.scenarios.team_families import TEAM_FAMILIES
 from wayfield.system.storage import write_whole
 
-KEPT = Path(sections.KEPT)
-TABLE, PAGE = KEPT / "papers.csv", KEPT / "papers.md"
+RESULTS = Path(sections.RESULTS)
+TABLE, PAGE = RESULTS / "papers.csv", RESULTS / "papers.md"
 PACKED = {"own_paths": "path-following-claims", "own_goals": "goal-obstacles-claims"}  # rows of pages
 TUNED = " tuned"
 # s of a core: of claims as they are frozen, and of trainings that were run through to their end or have no card
@@ -115,14 +115,14 @@ def rows_of(claim: Claim, root: Path) -> list[dict[str, str]]:
         return list(of_page(claim, read_packed(root / sections.ROWS / f"{PACKED[claim.name]}{SUFFIX}")))
     if claim.contest == "teams":
         rows = []
-        for row in flocks.independent(kept_parts.read(root / KEPT / "flocks.csv")):
+        for row in flocks.independent(part_rows.read(root / RESULTS / "flocks.csv")):
             family = row["family"]
             if flocks.is_of("open", family) and TEAM_FAMILIES[family].team <= flocks.TESTED:
                 turned = family.startswith(flocks.TURNED)  # one stratum, a size a scene
                 rows.append({**row, "family": flocks.TURNED, "world": family} if turned else row)
         return list(of_flocks(claim, rows, "solved", "extra_time"))
     if claim.name == "crowdnav":
-        people = kept_parts.read(root / KEPT / "flocks_people.csv")
+        people = part_rows.read(root / RESULTS / "flocks_people.csv")
         return list(of_flocks(claim, [row for row in people if row["contest"] == "crowdnav"], "success", "time"))
     return [row for row in read(root) if row["claim"] == claim.name]
 
@@ -140,8 +140,8 @@ Judged = tuple[
 
 def judged(root: Path = Path()) -> list[Judged]:
     """Returns the claims with their verdicts, corrected for all comparisons that the page shows."""
-    found = [(claim, *gathered(rows_of(claim, root))) for claim in CLAIMS.values()]
-    first = [judge(*each) for each in found]
+    claims = [(claim, *gathered(rows_of(claim, root))) for claim in CLAIMS.values()]
+    first = [judge(*each) for each in claims]
     names = [(k, name) for k, each in enumerate(first) if each.verdict != NO_VERDICT for name in each.gains]
     corrected = dict(zip(names, holm([first[k].gains[name].p for k, name in names]), strict=True))
     return [
@@ -152,25 +152,25 @@ def judged(root: Path = Path()) -> list[Judged]:
             len(strata),
             first[k].verdict,
         )
-        for k, (claim, sides, strata) in enumerate(found)
+        for k, (claim, sides, strata) in enumerate(claims)
     ]
 
 
-def counted(found: Sequence[Judged]) -> str:
+def counted(claims: Sequence[Judged]) -> str:
     """Returns how many claims hold, of papers and of our own, in two sentences."""
     kinds = (HOLDS, ONLY_UNTUNED, DOES_NOT_HOLD, OPEN, NO_VERDICT)
-    told = []
+    counts_of = []
     for words, own in (("claims of papers", False), ("claims of our own front page", True)):
-        mine = [each.verdict for claim, each, *_ in found if claim.source.startswith(OWN) == own]
+        mine = [each.verdict for claim, each, *_ in claims if claim.source.startswith(OWN) == own]
         counts = ", ".join(f"{mine.count(kind)} {kind}" for kind in kinds[1:] if kind in mine)
-        told.append(f"{mine.count(HOLDS)} of {len(mine)} {words} hold{f' ({counts})' if counts else ''}")
-    return f"{'; '.join(told)}."
+        counts_of.append(f"{mine.count(HOLDS)} of {len(mine)} {words} hold{f' ({counts})' if counts else ''}")
+    return f"{'; '.join(counts_of)}."
 
 
-def told(claim: Claim, found: Finding, name: str) -> str:
+def gain_words(claim: Claim, finding: Finding, name: str) -> str:
     """Returns how the claimed policy does against a side; nothing where the rival is not the source's."""
-    there = name in found.gains and found.verdict != NO_VERDICT
-    return shown(found.gains[name], claim.measure) if there else ""
+    there = name in finding.gains and finding.verdict != NO_VERDICT
+    return shown(finding.gains[name], claim.measure) if there else ""
 
 
 def trained_seconds(claim: Claim, root: Path) -> float:
@@ -205,7 +205,7 @@ def times(root: Path) -> Iterator[str]:
 
 def page(root: Path = Path()) -> str:
     """Returns the page."""
-    found = judged(root)
+    claims = judged(root)
     margins = ", ".join(
         f"{100.0 * margin:g} {'points of success' if name == 'success' else f'% of {name}'}"
         for name, margin in MARGINS.items()
@@ -223,7 +223,7 @@ def page(root: Path = Path()) -> str:
         "# Published claims, run again", "",
         "Made by `python benchmarks/studies/papers.py` from kept rows. [All results](../results.md). "
         "[How to add a claim, and how authors answer](../claims.md).", "",
-        f"**{counted(found)}** Each verdict is about a setting of ours, which differs from the paper's. Read that "
+        f"**{counted(claims)}** Each verdict is about a setting of ours, which differs from the paper's. Read that "
         "first.", "",
         "A claim says that one policy does better than a rival. (a) is the rival as the source has it. (b) is the "
         "rival with gains that were searched on training scenes. (c) is a part of the claimed policy, driven alone. No "
@@ -241,13 +241,13 @@ def page(root: Path = Path()) -> str:
         "| claim | what differs most | setting | claimed | (a) | (b) | against (a) | against (b) | n | verdict |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]  # fmt: skip
-    for claim, each, sides, scenes, alone in found:
+    for claim, each, sides, scenes, alone in claims:
         driven = [measured_words(claim, sides[name]) if name in sides else "" for name in (AGENT, "a", "b")]
-        gains = [told(claim, each, name) for name in ("a", "b")]
+        gains = [gain_words(claim, each, name) for name in ("a", "b")]
         cells = [claim.sentence, claim.differs[0], claim.setting, *driven, *gains, str(scenes)]
         cells.append(each.verdict if alone == each.verdict else f"{each.verdict} (alone: {alone})")
         lines.append(f"| {' | '.join(cells)} |")
-    for claim, each, sides, scenes, alone in found:
+    for claim, each, sides, scenes, alone in claims:
         lines += ["", f"## {claim.name}", "", f"{claim.sentence} {claim.source}.", ""]
         lines += ["What differs from the source:", "", *(f"- {line}" for line in claim.differs), ""]
         lines += ["| printed | number | where |", "|---|---|---|"]
@@ -259,7 +259,7 @@ def page(root: Path = Path()) -> str:
         ]
         for name, side in claim.sides.items():
             cells = [LABELS[name], side.words, side.budget, measured_words(claim, sides[name])]
-            against = told(claim, each, name)
+            against = gain_words(claim, each, name)
             cells += [str(sides[name].success.shape[1]), against, f"{each.ps[name]:.2g}" if against else ""]
             lines.append(f"| {' | '.join(cells)} |")
         command = claim.published or f"wayfield evaluate --suite papers --claim {claim.name}"

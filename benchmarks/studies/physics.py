@@ -19,7 +19,7 @@ import click
 import numpy as np
 from domain import DOMAIN, PLAIN, PLANTS
 from flocks import leaning
-from kept_parts import Part, Row, drive_missing, read, table
+from part_rows import Part, Row, drive_missing, read, table
 from sim_to_sim import CHAIN, NUMBERS
 
 from wayfield.benchmarks.contests import ALL_CONTESTS, Course, Entrants
@@ -34,8 +34,8 @@ from wayfield.envs.tasks.task import IN_PROCESS
 from wayfield.system.command_line import OneLineErrors
 from wayfield.system.storage import write_whole
 
-KEPT = Path("docs/results")
-TABLE, PAPERS, PAGE = KEPT / "physics.csv", KEPT / "physics_papers.csv", KEPT / "physics.md"
+RESULTS = Path("docs/results")
+TABLE, PAPERS, PAGE = RESULTS / "physics.csv", RESULTS / "physics_papers.csv", RESULTS / "physics.md"
 SEEDS = 3  # of the agent
 ROBOT, AGENT = "p3dx", "ppo"
 FIELDS = ("plant", "verdict", "family", "block", "policy", "scene", "success", "collision", "cost", "speed")
@@ -161,21 +161,21 @@ class Line(NamedTuple):
     scenes: int
     controller: float  # %, mm or s
     agent: float
-    found: Difference  # of the controller less the agent, in the same unit; better is more success, less of the others
+    gain: Difference  # of the controller less the agent, in the same unit; better is more success, less of the others
 
     def said(self, corrected: float) -> str:
         """Returns the outcome in words."""
-        if not np.isfinite(self.found.low):
+        if not np.isfinite(self.gain.low):
             return FEW
         if self.verdict.decides != "success":
             margin = COST_MARGIN * min(self.controller, self.agent)
             return leaning(
-                outcome(-self.found.high, -self.found.low, corrected, margin, trifles=True),
-                -self.found.high,
-                -self.found.low,
+                outcome(-self.gain.high, -self.gain.low, corrected, margin, trifles=True),
+                -self.gain.high,
+                -self.gain.low,
             )
-        low, high = self.found.low / 100.0, self.found.high / 100.0
-        return leaning(outcome(low, high, corrected, MARGIN, self.found.limit), low, high)
+        low, high = self.gain.low / 100.0, self.gain.high / 100.0
+        return leaning(outcome(low, high, corrected, MARGIN, self.gain.limit), low, high)
 
 
 def line(rows: Sequence[Row], verdict: Verdict, plant: str) -> Line | None:
@@ -184,8 +184,8 @@ def line(rows: Sequence[Row], verdict: Verdict, plant: str) -> Line | None:
     if not len(success[0]):
         return None
     if verdict.decides == "success":
-        found = difference(success[0], success[1], success[2], "share")
-        scaled = Difference(100.0 * found.value, 100.0 * found.low, 100.0 * found.high, found.p, found.limit)
+        change = difference(success[0], success[1], success[2], "share")
+        scaled = Difference(100.0 * change.value, 100.0 * change.low, 100.0 * change.high, change.p, change.limit)
         shares = [100.0 * float(each.mean()) for each in success[:2]]
         return Line(verdict, plant, len(success[0]), shares[0], shares[1], scaled)
     solved = (success[0].min(axis=1) == 1.0) & (success[1].min(axis=1) == 1.0)
@@ -193,17 +193,17 @@ def line(rows: Sequence[Row], verdict: Verdict, plant: str) -> Line | None:
     factor = 1000.0 if verdict.decides == "error" else 1.0
     first, other = factor * first[solved], factor * other[solved]
     strata = [family for family, good in zip(families, solved, strict=True) if good]
-    found = difference(first, other, strata, "mean")
-    return Line(verdict, plant, len(first), float(first.mean()), float(other.mean()), found)
+    change = difference(first, other, strata, "mean")
+    return Line(verdict, plant, len(first), float(first.mean()), float(other.mean()), change)
 
 
 def _shown(each: Line, said: str) -> list[str]:
     unit, digits = {"success": ("%", 1), "error": ("mm", 2), "time": ("s", 2)}[each.verdict.decides]
-    ends = f" [{each.found.low:+.{digits}f}, {each.found.high:+.{digits}f}]" if np.isfinite(each.found.low) else ""
+    ends = f" [{each.gain.low:+.{digits}f}, {each.gain.high:+.{digits}f}]" if np.isfinite(each.gain.low) else ""
     return [
         each.plant,
         f"{each.controller:.{digits}f} vs. {each.agent:.{digits}f} {unit}",
-        f"{each.found.value:+.{digits}f}{ends}",
+        f"{each.gain.value:+.{digits}f}{ends}",
         f"{each.scenes}",
         WORDS.get(said, said.replace("ahead", "controller ahead").replace("behind", "agent ahead")),
     ]
@@ -211,8 +211,8 @@ def _shown(each: Line, said: str) -> list[str]:
 
 def page(rows: Sequence[Row], papers: Sequence[Row], chain: Sequence[Row], trained: Sequence[Row]) -> str:
     """Returns the page."""
-    lines = [found for verdict in VERDICTS for plant in IN_PROCESS if (found := line(rows, verdict, plant))]
-    corrected = holm([each.found.p for each in lines])
+    lines = [made for verdict in VERDICTS for plant in IN_PROCESS if (made := line(rows, verdict, plant))]
+    corrected = holm([each.gain.p for each in lines])
     said = {(each.verdict.where, each.plant): each.said(p) for each, p in zip(lines, corrected, strict=True)}
     text = [
         "# Does it hold in another physics?",

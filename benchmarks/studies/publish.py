@@ -19,10 +19,10 @@ from pathlib import Path
 
 import click
 import front_page
-from kept_rows import SUFFIX, packed, thinned, unpacked
+from packed_rows import SUFFIX, packed, thinned, unpacked
 from reproduction import check, stamped
 from results_page import LEADERBOARD, PAGE, README, Made, Store, pages, submitted
-from sections import DOCUMENTS, KEPT, ROWS, SECTIONS, Section
+from sections import DOCUMENTS, RESULTS, ROWS, SECTIONS, Section
 
 from wayfield.benchmarks.commands.submission import content as entry_files
 from wayfield.benchmarks.commands.submission import driven_today
@@ -95,20 +95,20 @@ def main(
         for section, made in store.sections():
             if section not in wanted:
                 continue
-            found = check(section, store)
-            if f"{KEPT}/{section.name}.json" in files and not (stale or found.shown or done(above / section.name)):
+            sample = check(section, store)
+            if f"{RESULTS}/{section.name}.json" in files and not (stale or sample.shown or done(above / section.name)):
                 raise ValueError(
-                    f"{above / section.name} was made by other code, and {found.words}: leave --no-run away to make it "
-                    "anew, or give --stale to publish it as that"
+                    f"{above / section.name} was made by other code, and {sample.words}: leave --no-run away to make "
+                    "it anew, or give --stale to publish it as that"
                 )
-            store.changed[f"{KEPT}/{section.name}.json"] = stamped(made, found).content()
+            store.changed[f"{RESULTS}/{section.name}.json"] = stamped(made, sample).content()
         write(home, store.changed | pages(store) | front_page.readme(store))
     except (OSError, ValueError) as error:
         raise click.ClickException(str(error)) from None
     picture(home)
     if film:
         write_whole(home / front_page.FILM, front_page.film(Store(home)))
-    print(f"{home / PAGE} and {home / README} are made from {len(list((home / KEPT).glob('*.json')))} runs")
+    print(f"{home / PAGE} and {home / README} are made from {len(list((home / RESULTS).glob('*.json')))} runs")
 
 
 def made_again(home: Path) -> dict[str, bytes]:
@@ -123,9 +123,9 @@ def made_again(home: Path) -> dict[str, bytes]:
 
 def picture(home: Path) -> None:
     """Draws README's figure from the tables that the repository keeps, where it has those of every task."""
-    found = list(front_page.panels(Store(home)))
-    if len(found) == front_page.TASKS:
-        write_whole(home / front_page.FIGURE, front_page.figure(found))
+    panels = list(front_page.panels(Store(home)))
+    if len(panels) == front_page.TASKS:
+        write_whole(home / front_page.FIGURE, front_page.figure(panels))
 
 
 def write(home: Path, files: Mapping[str, bytes]) -> None:
@@ -161,7 +161,7 @@ def gathered(section: Section, folder: Path) -> dict[str, bytes]:
     listed, code, command = (manifest.get(name) for name in ("files", "code", "command"))
     if not isinstance(listed, dict) or not isinstance(code, str) or not isinstance(command, str):
         raise ValueError(f"{folder / MANIFEST} must tell command, code and files of a run")
-    found: dict[str, bytes] = {}
+    files: dict[str, bytes] = {}
     for name in (*section.tables, *section.pictures, EPISODES, SWEEP, DECISIONS):
         file = folder / name
         if name not in listed:
@@ -169,26 +169,26 @@ def gathered(section: Section, folder: Path) -> dict[str, bytes]:
         if not file.is_file() or file_digest(file) != listed[name]:
             raise ValueError(f"{file} is not as the run wrote it: run `{section.command}` again")
         if name == DECISIONS:
-            found[decisions_of(section)] = file.read_bytes()
+            files[decisions_of(section)] = file.read_bytes()
         elif name not in (EPISODES, SWEEP) and not (section.from_rows and name in section.tables):
-            found[section.place(name)] = file.read_bytes()
+            files[section.place(name)] = file.read_bytes()
     rows = read_rows(folder) if EPISODES in listed else Episodes()
     if rows:
         columns = thinned(rows) if section.of_contest else {name: rows.texts(name) for name in rows.names}
-        found[f"{ROWS}/{section.name}{SUFFIX}"] = content = packed(columns)
-        found |= tables(section, unpacked(content, section.name), command, found.get(decisions_of(section), b""))
-    if not any(section.place(name) in found for name in section.tables):
+        files[f"{ROWS}/{section.name}{SUFFIX}"] = content = packed(columns)
+        files |= tables(section, unpacked(content, section.name), command, files.get(decisions_of(section), b""))
+    if not any(section.place(name) in files for name in section.tables):
         raise ValueError(f"{folder} has none of the tables {', '.join(section.tables)}")
     date = datetime.datetime.fromtimestamp((folder / MANIFEST).stat().st_mtime, datetime.UTC).date().isoformat()
     command = re.sub(r" --(?:out|workers) \S+", "", command)  # where and how fast is not what
     made = Made(command, version("wayfield"), commit() if code == source_digest() else "", date, scenarios(rows))
-    found[f"{KEPT}/{section.name}.json"] = made.content()
-    return found
+    files[f"{RESULTS}/{section.name}.json"] = made.content()
+    return files
 
 
 def decisions_of(section: Section) -> str:
     """Returns where the repository keeps how long the decisions of a section's policies took."""
-    return f"{KEPT}/{section.name}_{DECISIONS}"
+    return f"{RESULTS}/{section.name}_{DECISIONS}"
 
 
 def tables(section: Section, rows: Sequence[Row], command: str, decisions: bytes = b"") -> dict[str, bytes]:

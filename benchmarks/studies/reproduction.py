@@ -26,9 +26,9 @@ import click
 import interval_coverage
 import numpy as np
 from interval_coverage import COVERAGE
-from kept_rows import SUFFIX, thinned, unpacked
+from packed_rows import SUFFIX, thinned, unpacked
 from results_page import Made, Store, pages
-from sections import KEPT, ROWS, SECTIONS, Section
+from sections import RESULTS, ROWS, SECTIONS, Section
 
 from wayfield.benchmarks.contests import CONTESTS, GAINS, Course, Entrants
 from wayfield.benchmarks.entrants.documents import TITLES, documents
@@ -100,17 +100,17 @@ def check(section: Section, store: Store, most: int | None = None) -> Reproduced
     return Reproduced(sampled, same, tuple(other))
 
 
-def stamped(made: Made, found: Reproduced) -> Made:
+def stamped(made: Made, sample: Reproduced) -> Made:
     """Returns what made a section with what came out of its sample today."""
     today = datetime.datetime.now(datetime.UTC).date().isoformat()
-    return dataclasses.replace(made, sampled=found.sampled, same=found.same, checked=today)
+    return dataclasses.replace(made, sampled=sample.sampled, same=sample.same, checked=today)
 
 
 def samples(section: Section, store: Store) -> Iterator[Sample]:
     """Yields the sample of a section, the same in each call."""
     rng = np.random.default_rng(zlib.crc32(section.name.encode()))
     if section.name == interval_coverage.SUITE:
-        yield from _of_coverage(store.text(f"{KEPT}/{COVERAGE}"))
+        yield from _of_coverage(store.text(f"{RESULTS}/{COVERAGE}"))
         return
     if not section.from_rows or section.needs:
         return
@@ -138,8 +138,8 @@ def _driven(rows: Sequence[Row]) -> Sequence[Row]:
 
 def _texts(rows: Sequence[Row]) -> list[Row]:
     """Returns rows as they stand in files."""
-    found = Episodes(rows)
-    return _lines({name: found.texts(name) for name in found.names})
+    episodes = Episodes(rows)
+    return _lines({name: episodes.texts(name) for name in episodes.names})
 
 
 def _lines(columns: Mapping[str, Sequence[str]]) -> list[Row]:
@@ -206,13 +206,13 @@ def main(only: tuple[str, ...] | None, write: bool, root: str) -> None:
         for section, made in store.sections():
             if only is not None and section.name not in only:
                 continue
-            found = check(section, store)
-            click.echo(f"{section.name}: {found.same} of {found.sampled}")
-            for line in found.other:
+            sample = check(section, store)
+            click.echo(f"{section.name}: {sample.same} of {sample.sampled}")
+            for line in sample.other:
                 click.echo(f"  {line}")
-            if (found.sampled, found.same) != (made.sampled, made.same):
+            if (sample.sampled, sample.same) != (made.sampled, made.same):
                 wrong.append(section.name)
-            store.changed[f"{KEPT}/{section.name}.json"] = stamped(made, found).content()
+            store.changed[f"{RESULTS}/{section.name}.json"] = stamped(made, sample).content()
         if write:
             for name, content in (store.changed | pages(store)).items():
                 write_whole(store.home / name, content)

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from interval_coverage import SUITE
-from kept_rows import SUFFIX
-from sections import KEPT, ROWS, SECTIONS, Section
+from packed_rows import SUFFIX
+from sections import RESULTS, ROWS, SECTIONS, Section
 from tabulate import tabulate
 
 from wayfield.benchmarks.commands.submission import Submission, check_whole, read_submission
@@ -36,7 +36,7 @@ from wayfield.policies.learned.agent import CARD, read_card
 from wayfield.policies.trained.ppo import shipped
 
 PAGE = "docs/results.md"
-CARDS = f"{KEPT}/cards.md"
+CARDS = f"{RESULTS}/cards.md"
 README = "README.md"
 STUDIES = {
     "everywhere": "A driver for every robot, away from home",
@@ -147,7 +147,7 @@ class Store:
 
     def rows(self, stem: str) -> list[Mapping[str, str]]:
         """Returns the rows of a kept table, none where there is no such table; ValueError if it is damaged."""
-        name = f"{KEPT}/{stem}.csv"
+        name = f"{RESULTS}/{stem}.csv"
         if name not in self:
             return []
         rows: list[Mapping[str, str]] = list(csv.DictReader(io.StringIO(self.text(name), newline=""), strict=True))
@@ -161,15 +161,15 @@ class Store:
         Raises:
             ValueError: if a file is damaged; the message names it.
         """
-        found = []
+        sections_made = []
         for section in SECTIONS:
-            name = f"{KEPT}/{section.name}.json"
+            name = f"{RESULTS}/{section.name}.json"
             if name in self:
                 try:
-                    found.append((section, Made(**json.loads(self.text(name)))))
+                    sections_made.append((section, Made(**json.loads(self.text(name)))))
                 except (TypeError, ValueError) as error:
                     raise ValueError(f"{self.home / name}: {error}") from None
-        return found
+        return sections_made
 
 
 def pages(store: Store) -> dict[str, bytes]:
@@ -180,15 +180,15 @@ def pages(store: Store) -> dict[str, bytes]:
         OSError: if a file cannot be read.
     """
     sections = store.sections()
-    found = {f"{KEPT}/{section.name}.md": _page(store, section, made).encode() for section, made in sections}
+    files = {f"{RESULTS}/{section.name}.md": _page(store, section, made).encode() for section, made in sections}
     if cards := _cards():
-        found[CARDS] = _cards_page(cards).encode()
-    found[PAGE] = _index(store).encode()
+        files[CARDS] = _cards_page(cards).encode()
+    files[PAGE] = _index(store).encode()
     if entries := submitted(store.home / LEADERBOARD):
-        found[f"{LEADERBOARD}/README.md"] = _leaderboard(entries).encode()
+        files[f"{LEADERBOARD}/README.md"] = _leaderboard(entries).encode()
     if CHOOSING in store:
-        found[CHOOSING] = marked(store, CHOOSING, _advice(store)).encode()
-    return found
+        files[CHOOSING] = marked(store, CHOOSING, _advice(store)).encode()
+    return files
 
 
 def marked(store: Store, name: str, lines: Sequence[str]) -> str:
@@ -233,14 +233,14 @@ def _leaderboard(entries: Mapping[str, Submission]) -> str:
         names = ("contest", "robot", "split", "actuators", "dynamics", "disturbance")
         key = (*(first[name] for name in names), f"{scenarios(rows) // len(rows.unique('family'))}")
         kinds.setdefault(key, []).append((name, each, rows))
-    for (contest_name, robot, split, actuators, dynamics, disturbance, count), found in kinds.items():
+    for (contest_name, robot, split, actuators, dynamics, disturbance, count), boards in kinds.items():
         contest = CONTESTS[contest_name]
-        for _, _, rows in found:
+        for _, _, rows in boards:
             contest = contest.of_rows(rows)
         cost = contest.cost
         lines = []
-        found.sort(key=lambda each: (-each[2]["success"].mean(), solved_mean(each[2], cost.metric, contest)))
-        for name, each, rows in found:
+        boards.sort(key=lambda each: (-each[2]["success"].mean(), solved_mean(each[2], cost.metric, contest)))
+        for name, each, rows in boards:
             entry = each.card["entry"]
             cells = [
                 success_cell(rows),
@@ -271,7 +271,7 @@ def _index(store: Store) -> str:
         else "Each has its leaderboard, the verdicts on trained agents, and its full tables as files.",
         "\n".join(f"- [{each.title}](results/{each.name}.md)" for each in SECTIONS if each.name in there)
         + "".join(
-            f"\n- [{title}](results/{name}.md)" for name, title in STUDIES.items() if f"{KEPT}/{name}.md" in store
+            f"\n- [{title}](results/{name}.md)" for name, title in STUDIES.items() if f"{RESULTS}/{name}.md" in store
         )
         + ("\n- [What the agents' cards say](results/cards.md)" if _cards() else ""),
         "## How to read it",
@@ -333,7 +333,7 @@ def _page(store: Store, section: Section, made: Made) -> str:
         if f"docs/{name}" in store:
             blocks.append(f"![{alt}](../{name})")
     there = {name: section.place(name) for name in section.tables if section.place(name) in store}
-    stems = {name: place.removeprefix(f"{KEPT}/").removesuffix(".csv") for name, place in there.items()}
+    stems = {name: place.removeprefix(f"{RESULTS}/").removesuffix(".csv") for name, place in there.items()}
     paired = {name: store.rows(stem) for name, stem in stems.items() if name.endswith("_pairs.csv")}
     every = [row for rows in paired.values() for row in rows]
     verdicts = iter(judged(every))  # corrected for all that the page shows
@@ -348,13 +348,13 @@ def _page(store: Store, section: Section, made: Made) -> str:
             blocks += [f"## {heading}", *reading, *_verdicts(rows, list(itertools.islice(verdicts, len(rows))))]
             reading = []
         elif name.endswith(".csv") and len(there) > 1 and not section.columns:
-            files.append(f"- [{heading}]({place.removeprefix(f'{KEPT}/')})")
+            files.append(f"- [{heading}]({place.removeprefix(f'{RESULTS}/')})")
             continue
         else:
             blocks += [f"## {heading}", *_shown(store, place, section.columns)]
             if not place.endswith(".csv"):
                 continue
-        files.append(f"- [{heading}, as a file]({place.removeprefix(f'{KEPT}/')})")
+        files.append(f"- [{heading}, as a file]({place.removeprefix(f'{RESULTS}/')})")
     if f"{ROWS}/{section.name}{SUFFIX}" in store:
         files.append(f"- [Every episode](rows/{section.name}{SUFFIX}), packed")
     if files:
@@ -401,12 +401,12 @@ def _verdicts(rows: Sequence[Mapping[str, str]], verdicts: Sequence[Verdict]) ->
     several = [each for each in conditions if each != main] if len(conditions) > 2 else []
     if len(several) < len(conditions):
         yield "Differences are those of the policy in the heading less the other's, with the corrected p."
-    for (condition, scenes, policy), found in by_pair.items():
+    for (condition, scenes, policy), pair in by_pair.items():
         if condition in several:
             continue
-        by, unit = found[0][0]["compared by"], found[0][0]["unit"]
+        by, unit = pair[0][0]["compared by"], pair[0][0]["unit"]
         lines = []
-        for row, verdict in found:
+        for row, verdict in pair:
             words, success, p_success, cost, p_cost, _ = shown(row, verdict)
             cost = cost.removesuffix(f" {unit}")
             lines.append(
@@ -431,7 +431,7 @@ def _side_by_side(
         for words, *others in zip(*(each.split(", ") for each in conditions), strict=False)
         if {*others} == {words}
     )
-    by = " and ".join(dict.fromkeys(row["compared by"] for found in verdicts.values() for row, _ in found))
+    by = " and ".join(dict.fromkeys(row["compared by"] for lines_of in verdicts.values() for row, _ in lines_of))
     yield (
         f"In each condition, by success and {by}; more and fewer are of successes, n. s. is not significant, an "
         "empty cell a set of gains that did not drive there. Every difference, with its "
@@ -465,13 +465,13 @@ def _with_p(cell: str, p: str) -> str:
 
 def _front(store: Store, folder: str) -> list[str]:
     """Returns who wins at what, in two sentences and a table a task."""
-    found = [(each, store.rows(f"{each[2]}_board"), store.rows(f"{each[2]}_pairs")) for each in TASKS]
-    found = [((*task[:3], _there(board, task[3])), board, lines) for task, board, lines in found if board]
-    if not found:
+    tasks = [(each, store.rows(f"{each[2]}_board"), store.rows(f"{each[2]}_pairs")) for each in TASKS]
+    tasks = [((*task[:3], _there(board, task[3])), board, lines) for task, board, lines in tasks if board]
+    if not tasks:
         return ["No run of this version is published."]
     made = {section.name: each for section, each in store.sections()}
-    blocks = [_sentences(found)]
-    for (heading, section, _, kinds), board, lines in found:
+    blocks = [_sentences(tasks)]
+    for (heading, section, _, kinds), board, lines in tasks:
         page = f"[{heading}]({folder}{section}.md)"
         stale = f" {made[section].sentence()}" if made[section].stale else ""
         blocks += [f"**{page}.**{stale}", _front_table(board, lines, kinds)]
@@ -489,12 +489,12 @@ _TIME, _AREA, _BOTH = "acquisition (s)", "area (mm s)", "settling (s, mm s)"  # 
 
 def _narrow(row: Mapping[str, str], names: Sequence[str]) -> dict[str, str]:
     """Returns cells of a leaderboard by their header, those of acquisition in one and without intervals."""
-    found = {name: row[name] for name in names if name not in (_TIME, _AREA)}
+    cells = {name: row[name] for name in names if name not in (_TIME, _AREA)}
     if _TIME not in names:
-        return found
+        return cells
     both = ", ".join(row[name].partition(" ")[0] for name in (_TIME, _AREA))
     before = names[: names.index(_TIME)]
-    return {name: found[name] for name in before} | {_BOTH: both} | found
+    return {name: cells[name] for name in before} | {_BOTH: both} | cells
 
 
 # what a leaderboard has on its page alone
@@ -531,15 +531,15 @@ def best_sets(rows: Sequence[Row], held: set[tuple[str, str]]) -> list[Row]:
         held: the entries that hold it, as `at_pace` returns them.
     """
     of_each = grouped(rows, "policy").values()
-    found = [next((row for row in mine if entry_of(row) in held), mine[0]) for mine in of_each]
-    return sorted(found, key=lambda row: entry_of(row) not in held)
+    bests = [next((row for row in mine if entry_of(row) in held), mine[0]) for mine in of_each]
+    return sorted(bests, key=lambda row: entry_of(row) not in held)
 
 
 def at_pace(board: Sequence[Row], lines: Sequence[Row]) -> set[tuple[str, str]]:
     """Returns the entries that hold the requested speed in the mean over all scenes; all where none is requested."""
     requested = float(lines[0]["asked (m/s)"] or "nan") if lines else math.nan
     counts = {line["scenes"]: float(line["scenarios"]) for line in lines}
-    found = set()
+    entries = set()
     for entry in {entry_of(row) for row in board}:
         mine = [
             (float(row["speed (m/s)"].strip("-") or "nan"), counts.get(row["scenes"], 0.0))
@@ -548,8 +548,8 @@ def at_pace(board: Sequence[Row], lines: Sequence[Row]) -> set[tuple[str, str]]:
         ]
         speed = sum(speed * count for speed, count in mine) / max(sum(count for _, count in mine), 1.0)
         if not abs(speed - requested) > PACE_TOLERANCE * requested:
-            found.add(entry)
-    return found
+            entries.add(entry)
+    return entries
 
 
 def _trained(rows: Sequence[Mapping[str, str]]) -> list[Mapping[str, str]]:
@@ -572,17 +572,17 @@ def verdict_of(
 
 
 def _beside(lines: Sequence[Mapping[str, str]], row: Mapping[str, str], agent: tuple[str, str]) -> str:
-    found = verdict_of(lines, row["scenes"], entry_of(row), agent)
-    return "" if found is None else _short(found[0])
+    verdict = verdict_of(lines, row["scenes"], entry_of(row), agent)
+    return "" if verdict is None else _short(verdict[0])
 
 
 Contested = tuple[Task, Sequence[Mapping[str, str]], Sequence[Mapping[str, str]]]
 
 
-def _sentences(found: Sequence[Contested]) -> str:
+def _sentences(tasks: Sequence[Contested]) -> str:
     """Returns which policy without a map comes first at each task, and who is equivalent, ties or is behind."""
     text = ["The best policies without a map:\n"]
-    for (heading, _, _, kinds), board, lines in found:
+    for (heading, _, _, kinds), board, lines in tasks:
         for kind in kinds:
             here = [row for row in board if row["scenes"] == kind and not _has_map(row)]
             first, *others = best_sets(here, at_pace(board, lines))
@@ -621,13 +621,13 @@ def controller_first(sets: Sequence[Row], lines: Sequence[Row]) -> Sequence[Row]
     law = next((row for row in sets if row["policy"] not in LEARNED), None)
     if law is None or sets[0] is law:
         return sets
-    found = verdict_of(lines, law["scenes"], entry_of(sets[0]), entry_of(law))
-    return sets if found is None or found[0].outcome == BETTER else [law, *(row for row in sets if row is not law)]
+    verdict = verdict_of(lines, law["scenes"], entry_of(sets[0]), entry_of(law))
+    return sets if verdict is None or verdict[0].outcome == BETTER else [law, *(row for row in sets if row is not law)]
 
 
 def advised(store: Store) -> list[tuple[str, str, str, Mapping[str, str], str]]:
     """Returns what to take: the task, the kind of scenes, the access, the row that is best there, and its lead."""
-    found: list[tuple[str, str, str, Row, str]] = []
+    advice: list[tuple[str, str, str, Row, str]] = []
     for task, _, stem, kinds in TASKS:
         board, lines = store.rows(f"{stem}_board"), store.rows(f"{stem}_pairs")
         for kind in kinds if board else ():
@@ -644,7 +644,7 @@ def advised(store: Store) -> list[tuple[str, str, str, Mapping[str, str], str]]:
                     or (access == NO_MAP and row["inputs"] != ONLY_MAP)
                 ]
                 sets = controller_first(best_sets(able, at_pace(board, lines)), lines)
-                if found and found[-1][:2] == (task, kind) and found[-1][3] is sets[0]:
+                if advice and advice[-1][:2] == (task, kind) and advice[-1][3] is sets[0]:
                     continue  # the map brings nothing
                 alone = len(sets) < 2
                 others = [row for row in mine if row["policy"] != sets[0]["policy"]] if alone else sets[1:]
@@ -653,7 +653,7 @@ def advised(store: Store) -> list[tuple[str, str, str, Mapping[str, str], str]]:
                 lead = _lead(verdict, _named(entry_of(other))) if verdict else ""
                 if not lead and not alone:
                     lead = f"{_named(entry_of(other))}: {_result(other)}; difference not tested"
-                found.append(
+                advice.append(
                     (
                         task,
                         kind,
@@ -662,7 +662,7 @@ def advised(store: Store) -> list[tuple[str, str, str, Mapping[str, str], str]]:
                         "; ".join(["no other has these inputs"] * alone + [lead] * bool(lead)),
                     )
                 )
-    return found
+    return advice
 
 
 # What the prose of the advice says of a policy, and the kind of scenes in which that must hold.
@@ -681,7 +681,7 @@ def disagreements(store: Store, advice: str) -> list[str]:
 
     It is compared with the first entry of the same access in those scenes; who was not measured there is left out.
     """
-    found = []
+    lines_apart = []
     for policy, advised_for in re.findall(r"^\| `(\w+)` \| (.+?) \|$", advice, re.MULTILINE):
         for said, kind in SAID.items():
             for task, _, stem, kinds in TASKS if said in advised_for else ():
@@ -701,9 +701,9 @@ def disagreements(store: Store, advice: str) -> list[str]:
                     learned = policy in LEARNED and first["policy"] not in LEARNED  # and the table names the controller
                     if words and (learned or words.startswith("fewer successes") or words.endswith(behind)):
                         beside = _named(entry_of(first))
-                        found.append(f"{policy} where {said!r} ({task}): beside {beside} it has {words}")
+                        lines_apart.append(f"{policy} where {said!r} ({task}): beside {beside} it has {words}")
                         break
-    return found
+    return lines_apart
 
 
 def versus(words: str, name: str) -> str:
@@ -719,9 +719,9 @@ _VERSUS = {"equivalent": "to", "tie": "with", "ahead": "of", "behind": ""} | dic
 )
 
 
-def _lead(found: tuple[Verdict, Mapping[str, str], bool], name: str) -> str:
+def _lead(standing: tuple[Verdict, Mapping[str, str], bool], name: str) -> str:
     """Returns what an entry is beside another, in words and numbers."""
-    verdict, line, turned = found
+    verdict, line, turned = standing
     on_success = ";" not in verdict.words
     value, low, high = (
         line[name] for name in (("success (points)", "from", "to") if on_success else (COST, "cost from", "cost to"))
@@ -739,8 +739,8 @@ def _lead(found: tuple[Verdict, Mapping[str, str], bool], name: str) -> str:
 def _advice(store: Store) -> list[str]:
     """Returns the table of what to take where, from the leaderboards of the splits that tell most."""
     lines = []
-    found = advised(store)
-    for task, kind, access, row, lead in found:
+    advice = advised(store)
+    for task, kind, access, row, lead in advice:
         where = _SCENES.get(f"{task}, {kind}", task), access
         lines.append([*where, _named(entry_of(row)), _result(row), lead])
     if not lines:
@@ -767,13 +767,13 @@ _SCENES = {
 def _off_speed() -> Iterator[str]:
     """Yields what the cards of goal seekers say of a speed that they were not trained at."""
     title = CONTESTS["goal-obstacles"].spec.title
-    found = {speed: [line for line in _cards() if line[0].startswith(title) and line[2] == _CARD_AT.format(speed)]
+    lines_at = {speed: [line for line in _cards() if line[0].startswith(title) and line[2] == _CARD_AT.format(speed)]
              for speed in ("0.6", "0.3")}  # fmt: skip
-    if not all(found.values()):
+    if not all(lines_at.values()):
         return
     parts = [
         f"{slow[3].partition(' ')[0]} % instead of {fast[3].partition(' ')[0]} % ({slow[0].rpartition(' ')[2]})"
-        for fast, slow in zip(found["0.6"], found["0.3"], strict=True)
+        for fast, slow in zip(lines_at["0.6"], lines_at["0.3"], strict=True)
     ]
     yield (
         "\nThe `ppo` agents for goal reaching were trained at 0.6 m/s. At a target speed of 0.3 m/s they reach fewer "
@@ -810,15 +810,15 @@ def _cards() -> list[list[str]]:
                 own = {"env_kwargs": card["env_kwargs"], "asked_speed": card["speed"], **card["validation"]}
                 for each in (own, *card["measured"]):
                     conditions.setdefault(_driven(each, contest.spec.observes != "reference"), []).append(each)
-            for driven, found in conditions.items():
+            for driven, agents in conditions.items():
                 cells = [
-                    _spread([scale * each[name] for each in found], decimals)
+                    _spread([scale * each[name] for each in agents], decimals)
                     for name, scale, decimals in (
                         *(("success", 100.0, 1), ("collision", 100.0, 1)),
                         *(("error", factor, 1), ("speed", 1.0, 2)),
                     )
                 ]
-                lines.append([f"{contest.spec.title}, {robot}", str(len(found)), driven, *cells])
+                lines.append([f"{contest.spec.title}, {robot}", str(len(agents)), driven, *cells])
     return lines
 
 
@@ -840,10 +840,10 @@ def _spread(numbers: Sequence[float], decimals: int) -> str:
 def _shown(store: Store, place: str, columns: Sequence[str]) -> Iterator[str]:
     """Yields a kept table as Markdown, of some of its columns or of all; that of several robots a robot."""
     if place.endswith(".md"):  # of several tables the last, which says what the others come to
-        whole = place.removeprefix(f"{KEPT}/")
+        whole = place.removeprefix(f"{RESULTS}/")
         yield f"### {store.text(place).strip().rpartition('## ')[2]}\n\n[What the tables of every run show]({whole})."
         return
-    rows = store.rows(place.removeprefix(f"{KEPT}/").removesuffix(".csv"))
+    rows = store.rows(place.removeprefix(f"{RESULTS}/").removesuffix(".csv"))
     names = [name for name in columns if name in rows[0]] or list(rows[0])  # no BARN where its worlds were not there
     for robot, mine in grouped(rows, "robot").items() if "robot" in rows[0] else (("", rows),):
         if robot:

@@ -10,8 +10,8 @@ from wayfield.benchmarks.records.results import TABLE
 from wayfield.envs.robots import ROBOTS
 from wayfield.policies.trained.ppo import shipped
 
-KEPT = "docs/results"  # folder of the tables and of what made them
-ROWS = f"{KEPT}/rows"  # of the episodes behind them, packed
+RESULTS = "docs/results"  # folder of the tables and of what made them
+ROWS = f"{RESULTS}/rows"  # of the episodes behind them, packed
 DOCUMENTS = "documents"
 
 
@@ -48,7 +48,7 @@ class Section:
         """Returns where the repository keeps a file of the run."""
         if file in self.pictures:
             return f"docs/{file}"
-        return f"{KEPT}/{self.name}_table.md" if file == TABLE else f"{KEPT}/{self.within}{file}"
+        return f"{RESULTS}/{self.name}_table.md" if file == TABLE else f"{RESULTS}/{self.within}{file}"
 
 
 _MAP_NOTE = "Policies that know the map are told what the others must find out. Simulation only."

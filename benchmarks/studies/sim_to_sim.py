@@ -20,8 +20,8 @@ from typing import Any
 import click
 import numpy as np
 from identification import joystick
-from kept_parts import drive_missing
 from numpy.typing import NDArray
+from part_rows import drive_missing
 
 from wayfield.bridges.ros.body import Body
 from wayfield.bridges.ros.excite import script
@@ -86,13 +86,13 @@ def identified(robot: Robot, folder: Path) -> Robot:
 def path_of(robot: Robot, dynamics: str, commands: NDArray[np.float64], folder: Path) -> NDArray[np.float64]:
     """Returns pose and twist (n, 5) of a base after each command."""
     body = body_of(robot, dynamics, folder)
-    found = []
+    states = []
     for v, w in commands.tolist():
         body.command(Twist(v, 0.0, w))
         body.step()
         state = body._env.batch.states[0]
-        found.append([float(state[name]) for name in ("x", "y", "heading", "vx", "yaw_rate")])
-    return np.array(found)
+        states.append([float(state[name]) for name in ("x", "y", "heading", "vx", "yaw_rate")])
+    return np.array(states)
 
 
 def rows_of(name: str) -> list[tuple[Any, ...]]:
@@ -101,7 +101,7 @@ def rows_of(name: str) -> list[tuple[Any, ...]]:
     It answers within the control period too, as real ones do, and as identification takes it.
     """
     robot = dataclasses.replace(ROBOTS[name], name="base", response="continuous")
-    found = []
+    lines = []
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         mine = identified(robot, folder)
@@ -120,8 +120,8 @@ def rows_of(name: str) -> list[tuple[Any, ...]]:
                 turned = abs(math.remainder(ours[-1, 2] - true[-1, 2], 2.0 * math.pi))
                 speeds = np.sqrt(((ours[:, 3:] - true[:, 3:]) ** 2).mean(axis=0)).tolist()
                 numbers_of = (metres, apart, turned, *speeds)
-                found.append((sheet, k, *(f"{each:.4g}" for each in numbers_of), parameters if sheet != "own" else ""))
-    return found
+                lines.append((sheet, k, *(f"{each:.4g}" for each in numbers_of), parameters if sheet != "own" else ""))
+    return lines
 
 
 @click.command(cls=OneLineErrors)

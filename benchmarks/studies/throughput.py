@@ -142,14 +142,14 @@ def _cleared(occupied: NDArray[np.bool_]) -> NDArray[np.bool_]:
 def scanning() -> list[Contender]:
     """Returns the contenders that scan with 72 rays: among discs, and on large maps of cells of 0.1 m."""
     rng = np.random.default_rng(0)
-    found: list[Contender] = []
+    contenders: list[Contender] = []
     with tempfile.TemporaryDirectory() as folder:
 
         def contender(name: str, scenario: dict[str, Any]) -> None:
-            file = Path(folder) / f"{len(found)}.json"
+            file = Path(folder) / f"{len(contenders)}.json"
             file.write_text(json.dumps(scenario), encoding="utf-8")
             steps = vector_steps(GOAL_REACHING, NUM_SCANNING, scenario=str(file), num_beams=72, max_range=5.0)
-            found.append(Contender(name, NUM_SCANNING, steps))
+            contenders.append(Contender(name, NUM_SCANNING, steps))
 
         for count in (16, 64, 1024):
             contender(f"goal reaching, 72 rays, {count:,} discs", discs(count, rng))
@@ -165,7 +165,7 @@ def scanning() -> list[Contender]:
             scenario = {"start": [0, 0, 0], "goal": [3, 0, 0], "map": map_file}
             contender(f"goal reaching, 72 rays, 2,000 x 2,000 cells, {name}", scenario)
     cartpole = vector_steps(CARTPOLE, NUM_SCANNING)
-    return [*found, Contender(CARTPOLE, NUM_SCANNING, cartpole, cartpole=True)]
+    return [*contenders, Contender(CARTPOLE, NUM_SCANNING, cartpole, cartpole=True)]
 
 
 def by_mujoco() -> list[Contender]:
@@ -317,7 +317,7 @@ def _by_navground(starts: NDArray[np.float64], goals: NDArray[np.float64]) -> St
     from navground import core, sim
 
     def world() -> Any:
-        found = sim.World()
+        place = sim.World()
         for start, goal in zip(starts, goals, strict=True):
             kinematics = core.Kinematics.make_type("Omni")
             kinematics.max_speed = kinematics.max_angular_speed = 1.0
@@ -329,8 +329,8 @@ def _by_navground(starts: NDArray[np.float64], goals: NDArray[np.float64]) -> St
             agent.task = sim.Task.make_type("Waypoints")
             agent.task.waypoints = [tuple(goal.tolist())]
             agent.position = start
-            found.add_agent(agent)
-        return found
+            place.add_agent(agent)
+        return place
 
     def steps() -> int:
         world().run(40, 0.1)  # anew, lest they disperse: to make one takes some per cent of it
@@ -423,11 +423,11 @@ def _print_memory() -> None:
     ids = sorted(each for spec in TASKS.values() for each in spec.ids.values())
     spawned = multiprocessing.get_context("spawn")
     for env_id in ids:
-        found = []
+        sizes = []
         for count in (1, 1_000, 51_000):  # the first compiles: a compiler leaves memory that robots would move into
             with ProcessPoolExecutor(1, spawned) as pool:
-                found.append(pool.submit(resident_with, env_id, count).result())
-        value = (found[2] - found[1]) / 50_000
+                sizes.append(pool.submit(resident_with, env_id, count).result())
+        value = (sizes[2] - sizes[1]) / 50_000
         table.add_row(env_id, f"{value:,.0f}", f"{value / 1e3:.2f}")
     rich.console.Console(width=100).print(table)
 

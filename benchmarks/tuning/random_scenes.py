@@ -75,13 +75,13 @@ def room(rng: np.random.Generator, shares: tuple[float, float] = SHARES) -> tupl
         sizes = np.bincount(parts.ravel())
         sizes[0] = 0
         there = nodes[(parts == sizes.argmax()).ravel()]
-        found: list[tuple[float, ...]] = []
+        pairs: list[tuple[float, ...]] = []
         for _ in range(200 if len(there) else 0):
             start, goal = there[rng.integers(len(there), size=2)]
             if math.dist(start, goal) >= LEAST_WAY:
-                found.append((*start, rng.uniform(-3.0, 3.0), *goal, rng.uniform(-3.0, 3.0)))
-            if len(found) == PAIRS:
-                return occupied, found
+                pairs.append((*start, rng.uniform(-3.0, 3.0), *goal, rng.uniform(-3.0, 3.0)))
+            if len(pairs) == PAIRS:
+                return occupied, pairs
 
 
 def write_rooms(

@@ -114,6 +114,6 @@ def _checked_journal(file: str) -> dict[str, Any]:
         return {}
     with open(file, "rb") as stream:
         line = stream.readline(_LONGEST)
-    if not isinstance(found := parsed_object(line, file), dict) or "op_code" not in found:
+    if not isinstance(entry := parsed_object(line, file), dict) or "op_code" not in entry:
         raise ValueError(f"{file}: it is there, and no journal of a search")
-    return found
+    return entry

@@ -75,7 +75,7 @@ PACE_FACTORS = (0.97, 1.6)  # of the requested speed, between which a path follo
 
 # The gains of each policy that are searched, beside the cruising speed, which all path followers have.
 SEARCHED: Mapping[str, Mapping[str, Range]] = {
-    name: found for name in wayfield.policies.POLICIES if (found := wayfield.policies.searched_gains(name))
+    name: ranges for name in wayfield.policies.POLICIES if (ranges := wayfield.policies.searched_gains(name))
 }
 
 
@@ -86,10 +86,10 @@ def search_space(policy: str, suite: str) -> Mapping[str, Range]:
 
 def searched_families(contest: Contest) -> tuple[str, ...]:
     """Returns the families that gains are searched and chosen in: of teams, those that are not too large."""
-    found = contest.tuned_on or contest.families("kinematic")
+    families = contest.tuned_on or contest.families("kinematic")
     if contest.spec.name not in CROWDS:
-        return found
-    return tuple(family for family in found if contest.spec.families[family].team <= LARGEST_TEAM)
+        return families
+    return tuple(family for family in families if contest.spec.families[family].team <= LARGEST_TEAM)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -104,12 +104,12 @@ class Drive:
 
     def losses(self, other: "Drive") -> list[str]:
         """Returns the places in which the other set is significantly better, on the same scenarios."""
-        found = []
+        names = []
         for name, (families, won) in self.won.items():
             ours, theirs = (np.array(each, np.float64)[:, np.newaxis] for each in (won, other.won[name][1]))
             if difference(ours, theirs, families, "share").high < 0.0:
-                found.append(name)
-        return found
+                names.append(name)
+        return names
 
 
 def compared(chosen: Drive, default: Drive, nominal: str) -> list[dict[str, Any]]:
@@ -119,7 +119,7 @@ def compared(chosen: Drive, default: Drive, nominal: str) -> list[dict[str, Any]
     over scenarios.
     """
     names = [[nominal], [name for name in default.won if name.startswith(f"{nominal}, drawn")]]
-    found = []
+    lines = []
     for places, whose in zip(names, ("as identified", "drawn from its intervals"), strict=True):
         if not places:
             continue
@@ -133,7 +133,7 @@ def compared(chosen: Drive, default: Drive, nominal: str) -> list[dict[str, Any]
         (won, cost), (won_before, cost_before) = sides
         success = difference(won, won_before, families, "share")
         error = difference(cost, cost_before, families)
-        found.append(
+        lines.append(
             {
                 "robots": len(places),
                 "whose": whose,
@@ -144,7 +144,7 @@ def compared(chosen: Drive, default: Drive, nominal: str) -> list[dict[str, Any]
                 "cost_difference": [_finite(each) for each in (error.value, error.low, error.high)],
             }
         )
-    return found
+    return lines
 
 
 def _finite(value: float) -> float | None:
@@ -179,8 +179,8 @@ class Search:
     @property
     def ranges(self) -> Mapping[str, Range]:
         """Returns the gains that are searched, and where: not those that hold the asked speed."""
-        found = {**search_space(self.policy, self.contest.name), **self.given}
-        return {name: each for name, each in found.items() if name not in self.pace_gains}
+        space = {**search_space(self.policy, self.contest.name), **self.given}
+        return {name: each for name, each in space.items() if name not in self.pace_gains}
 
     @property
     def pace_gains(self) -> dict[str, float]:
@@ -218,14 +218,14 @@ class Search:
         return self.contest.spec.repertoire.size_for(self.robot.hull_radius)
 
     def _run(self, executor: Executor) -> dict[str, Any]:
-        found, frames = self._searched(executor)
+        tried, frames = self._searched(executor)
         default = self.gains_at({})
         drives = {"default": self.drive(default, TRANSFER_SPLIT, executor)}
         slowest = drives["default"].speeds
         sets: dict[str, dict[str, Any]] = {"default": default}
         if (ships := self._ships) is not None:
             sets["shipped"] = dict(ships.gains)
-        finalists = self._others(found, sets.values())[:FINALISTS]
+        finalists = self._others(tried, sets.values())[:FINALISTS]
         sets |= {f"found {k + 1}": gains for k, gains in enumerate(finalists)}
         for name, gains in sets.items():
             if name not in drives:
@@ -292,14 +292,14 @@ class Search:
         """Returns the set that ships for the condition, where one does that is not the default gains."""
         if ROBOTS.get(self.robot.name) != self.robot:
             return None
-        found = tuned_set(self.policy, self.contest.name, self.robot.name, self.speed, self.level)
-        return found if found is not None and found.chosen != "default" else None
+        best = tuned_set(self.policy, self.contest.name, self.robot.name, self.speed, self.level)
+        return best if best is not None and best.chosen != "default" else None
 
-    def _others(self, found: Sequence[dict[str, Any]], known: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    def _others(self, tried: Sequence[dict[str, Any]], known: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
         """Returns the sets that were found, each once, without those that are known."""
         seen = [wayfield.policies.make(self.policy, **gains) for gains in known]
         others = []
-        for gains in found:
+        for gains in tried:
             made = wayfield.policies.make(self.policy, **gains)
             if made not in seen:
                 seen.append(made)
@@ -351,11 +351,11 @@ class Search:
                 study.tell(trial, state=optuna.trial.TrialState.FAIL)
                 continue
             # the first are the default gains: no set shall be slower that cannot hold the requested speed either
-            found = self.drive(gains, SEARCH_SPLIT, executor, least)
-            least = least if scored else found.speeds
-            frames += found.score.frames
-            scored.append((found.score, gains))
-            study.tell(trial, found.score.value)
+            drive = self.drive(gains, SEARCH_SPLIT, executor, least)
+            least = least if scored else drive.speeds
+            frames += drive.score.frames
+            scored.append((drive.score, gains))
+            study.tell(trial, drive.score.value)
         scored.sort(key=lambda each: each[0])
         return [gains for _, gains in scored], frames
 
@@ -384,9 +384,9 @@ class Search:
             if least is None:  # as with one process, but that the default gains may be under way elsewhere
                 default = self.gains_at({name: starts[0][name] for name in self.ranges}, 1.0)
                 least = {} if trial.number == 0 else self.drive(default, SEARCH_SPLIT, executor).speeds
-            found = self.drive(gains, SEARCH_SPLIT, executor, least)
-            least = least or found.speeds
-            shared.tell(trial, found.score, gains)
+            drive = self.drive(gains, SEARCH_SPLIT, executor, least)
+            least = least or drive.speeds
+            shared.tell(trial, drive.score, gains)
         if count := shared.others():
             raise StillSearched(
                 f"the budget is used up, and other processes are driving {count} more: the one that ends last writes "
@@ -420,13 +420,13 @@ class Search:
 
     def _known(self, ranges: Mapping[str, Range], fastest: float) -> list[dict[str, float]]:
         """Returns what the search starts from within its ranges: gains, and their pace."""
-        found = []
+        sets = []
         for gains in self.started_from:
             known = {k: min(max(float(gains[k]), each.low), each.high) for k, each in ranges.items() if k in gains}
             if self.paced:
                 known["pace"] = min(max(float(gains.get("pace", 1.0)), PACE_FACTORS[0]), fastest)
-            found.append(known)
-        return found
+            sets.append(known)
+        return sets
 
     def drive(
         self, gains: Mapping[str, Any], split: str, executor: Executor, least: Mapping[str, float] | None = None
@@ -466,24 +466,24 @@ class Search:
         courses = [Course("all", named, members=members)]
         if self.contest.spec.name in CROWDS:  # in a batch all teams are as large
             courses = [Course(family, split, members=tuple(range(count))) for family in families]
-        found = [Place(split, self.contest, self.robot, courses, self.level)]
-        found += [Place(f"{split}, {level}", self.contest, self.robot, courses, level) for level in self.also]
+        places = [Place(split, self.contest, self.robot, courses, self.level)]
+        places += [Place(f"{split}, {level}", self.contest, self.robot, courses, level) for level in self.also]
         if split == TRANSFER_SPLIT:
-            found += [
+            places += [
                 Place(f"{split}, drawn {k + 1}", self.contest, robot, courses, self.level)
                 for k, robot in enumerate(self._uncertain)
             ]
-        return found + list(in_rooms(self.contest, self.robot, self.rooms[split], self.level) if self.rooms else ())
+        return places + list(in_rooms(self.contest, self.robot, self.rooms[split], self.level) if self.rooms else ())
 
     def settings(self, place: Place, gains: Mapping[str, Any]) -> list[Setting]:
         """Returns the parts that drive a set in a place, many scenarios in a batch."""
-        found = []
+        settings = []
         for course in place.courses:
             case = place.case(course, self.policy, gains)
             for first in range(0, len(course.members), MOST_AT_ONCE):
                 part = course.members[first : first + MOST_AT_ONCE]
-                found.append(Setting("tune", case, "kinematic", self.actuators, part[0], len(part), members=part))
-        return found
+                settings.append(Setting("tune", case, "kinematic", self.actuators, part[0], len(part), members=part))
+        return settings
 
     def _scenarios(self, place: Place) -> list[Any]:
         """Returns the scenarios of a place in the order in which they are driven."""
@@ -522,11 +522,11 @@ class StillSearched(RuntimeError):
 
 def summary(content: Mapping[str, Any]) -> str:
     """Returns in one line what a search came to."""
-    found = content["validation"]
-    default, chosen = (_score_text(found[name]) for name in ("default", "chosen"))
+    validation = content["validation"]
+    default, chosen = (_score_text(validation[name]) for name in ("default", "chosen"))
     if content["chosen"] == "default":
         return f"{content['policy']}: {default} with the default gains, and no set is better"
-    whose = "the set that ships" if found["winner"] == "shipped" else "the set that was found"
+    whose = "the set that ships" if validation["winner"] == "shipped" else "the set that was found"
     return f"{content['policy']}: {default} with the default gains; {chosen} with {whose}"
 
 
@@ -569,7 +569,7 @@ def budget(content: Mapping[str, Any]) -> str:
 def at_ends(policy: str, ranges: Mapping[str, Range], gains: Mapping[str, Any]) -> dict[str, str]:
     """Returns the gains that lie at an end of where they were searched, each with a wider range that it may have."""
     declared = gains_of(wayfield.policies.make(policy))
-    found = {}
+    ends_by_gain = {}
     for name, each in ranges.items():
         place, back = (math.log, math.exp) if each.log else (float, float)
         low, high, at = map(place, (each.low, each.high, gains.get(name, declared[name].default)))
@@ -579,8 +579,8 @@ def at_ends(policy: str, ranges: Mapping[str, Range], gains: Mapping[str, Any]) 
                 beyond = (rounded(back(near + (near - far) / 2**n)) for n in range(1, 9))
                 ends[k] = next(filter(declared[name].fits, beyond), ends[k])
         if ends != [each.low, each.high]:
-            found[name] = _range_text(name, Range(ends[0], ends[1]))
-    return found
+            ends_by_gain[name] = _range_text(name, Range(ends[0], ends[1]))
+    return ends_by_gain
 
 
 def _range_text(name: str, each: Range) -> str:
@@ -791,7 +791,7 @@ def _start(text: str) -> dict[str, float]:
 def given_ranges(search: Search, texts: Sequence[str]) -> dict[str, Range]:
     """Returns the ranges that were given as GAIN=LOW:HIGH; click.UsageError names one that cannot be searched."""
     declared = gains_of(wayfield.policies.make(search.policy))
-    found = {}
+    ranges = {}
     for text in texts:
         name, _, ends = text.partition("=")
         try:
@@ -809,8 +809,8 @@ def given_ranges(search: Search, texts: Sequence[str]) -> dict[str, Range]:
         if name in {*paced, *search.pace_gains}:
             raise click.UsageError(f"--range {text!r}: {name} holds the asked speed, {search.speed:g} m/s")
         known = search.ranges.get(name)
-        found[name] = Range(low, high, low > 0.0 and (known is None or known.log or known.low == 0.0))
-    return found
+        ranges[name] = Range(low, high, low > 0.0 and (known is None or known.log or known.low == 0.0))
+    return ranges
 
 
 def starting_gains(policy: str, suite: str, known: str) -> dict[str, float]:

@@ -14,7 +14,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from wayfield.benchmarks.commands.evaluate import main as evaluate
-from wayfield.benchmarks.commands.submission import CARD, ROWS, Submission, content, drawn, least_found, signed
+from wayfield.benchmarks.commands.submission import CARD, ROWS, Submission, content, drawn, least_seen, signed
 from wayfield.benchmarks.commands.submit import submit, verify
 
 ENTRY = ("--suite", "docking", "--gains", "default", "--workers", "1")
@@ -88,7 +88,7 @@ def test_what_is_no_whole_entry_is_not_submitted(submitted: Path, tmp_path: Path
 
 def test_a_draw_meets_forged_episodes_as_often_as_it_says() -> None:
     for count, driven in ((50, 5), (130, 60), (7, 7), (2, 1)):
-        forged = least_found(count, driven)
+        forged = least_seen(count, driven)
         met = [bool(set(range(forged)) & set(drawn(count, driven, seed))) for seed in range(2000)]
         assert sum(met) / len(met) > 0.93
         assert forged <= count - driven + 1

@@ -75,7 +75,7 @@ def test_what_is_advised_is_what_the_page_takes(law: str) -> None:
     for each in flocks.team_tables(teams)[0]:
         if kind := {"open alone": "open field", "walls alone": "doors and rooms"}.get(each.what):
             line = next(line for line in flocks.advice(teams, people).splitlines() if f"{kind} " in line)
-            assert f"| `{flocks.taken(each.agent, each.law, each.found, page, each.seeds)}` " in line
+            assert f"| `{flocks.taken(each.agent, each.law, each.difference, page, each.seeds)}` " in line
 
 
 def test_worlds_that_are_one_scene_turned_are_counted_once() -> None:

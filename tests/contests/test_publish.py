@@ -78,7 +78,7 @@ def test_a_finished_run_becomes_page_and_readme(repository: Path) -> None:
     assert readme.endswith("after\n")
     assert "vs." in readme
     assert "as it was" not in readme
-    shown = (repository / sections.KEPT / "path-following-claims.md").read_text(encoding="utf-8")
+    shown = (repository / sections.RESULTS / "path-following-claims.md").read_text(encoding="utf-8")
     assert "16 scenarios" in shown
     # where it was run and how fast is not what was run
     assert "Made by `python evaluate.py --suite path-following --split claims`, wayfield" in shown
@@ -119,7 +119,7 @@ def test_a_section_that_needs_files_of_others_is_not_run_and_keeps_what_it_had(r
     digests = {"transfer.csv": file_digest(folder / "transfer.csv")}
     (folder / "run.json").write_text(json.dumps(manifest | {"files": digests}))
     assert run_publish(repository, "--no-run").exit_code == 0
-    assert "| 91.5" in (repository / sections.KEPT / "transfer.md").read_text(encoding="utf-8")
+    assert "| 91.5" in (repository / sections.RESULTS / "transfer.md").read_text(encoding="utf-8")
     (folder / "run.json").write_text(json.dumps(manifest | {"files": digests, "code": "0" * 64}))
     refused = run_publish(repository, "--only", "transfer")
     assert refused.exit_code == 1
@@ -157,7 +157,7 @@ def test_results_of_other_code_that_come_out_otherwise_are_refused_or_marked(rep
     assert "Traceback" not in refused.stderr
     assert whole(repository) == before
     assert run_publish(repository, "--stale").exit_code == 0
-    for name in (f"{sections.KEPT}/path-following-claims.md", "README.md"):
+    for name in (f"{sections.RESULTS}/path-following-claims.md", "README.md"):
         assert "**Stale: on 20" in (repository / name).read_text(encoding="utf-8")
 
 
@@ -177,7 +177,7 @@ def test_the_losing_agents_are_told(repository: Path) -> None:
     # the losing agent stands beside the winner, with both numbers, in each kind of scenes
     both = "(11.90 vs. 26.90 mm, 8 paths), and paths with corners (12.70 vs. 34.90 mm, 8 paths)"
     assert f"`mpc` (tuned) tracks smooth paths more closely than PPO {both}" in readme
-    page = (repository / sections.KEPT / "path-following-claims.md").read_text(encoding="utf-8")
+    page = (repository / sections.RESULTS / "path-following-claims.md").read_text(encoding="utf-8")
     lines = [
         each for each in page.splitlines() if (each.startswith("| mpc (tuned)") and "p 0" in each) or "p <" in each
     ]
@@ -219,7 +219,7 @@ def test_readme_says_of_a_pair_what_success_says_of_it_before_and_after_correcti
     writer = csv.DictWriter(text, list(lines[0]), lineterminator="\n")
     writer.writeheader()
     writer.writerows(lines)
-    kept.changed[f"{sections.KEPT}/{name}.csv"] = text.getvalue().encode()
+    kept.changed[f"{sections.RESULTS}/{name}.csv"] = text.getvalue().encode()
     named = "`ilqr` (hand-tuned)" if "paths" in where else "`reeds_shepp_scan`"
     names = [named, "PPO"][:: -1 if wins else 1]
     joint = " and " if told in ("same", "open", "ahead") else f" {WORDS[told]} "

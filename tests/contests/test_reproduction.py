@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 import results_page
 from click.testing import CliRunner
-from kept_rows import SUFFIX, packed, read_packed
+from packed_rows import SUFFIX, packed, read_packed
 from reproduction import check, main
-from sections import KEPT, ROWS
+from sections import RESULTS, ROWS
 
 from wayfield.benchmarks.commands.submit import verify
 
@@ -57,9 +57,9 @@ def repository(tmp_path: Path) -> Path:
     shutil.copy(ROOT / "README.md", home)
     rows = [row for row in read_packed(ROOT / f"{ROWS}/path-following{SUFFIX}") if row["policy"] == "pure_pursuit"]
     (home / f"{ROWS}/path-following{SUFFIX}").write_bytes(packed_rows(rows))
-    made = json.loads((ROOT / f"{KEPT}/path-following.json").read_text(encoding="utf-8"))
+    made = json.loads((ROOT / f"{RESULTS}/path-following.json").read_text(encoding="utf-8"))
     unchecked = made | {"sampled": 0, "same": 0, "checked": ""}
-    (home / f"{KEPT}/path-following.json").write_text(json.dumps(unchecked), encoding="utf-8")
+    (home / f"{RESULTS}/path-following.json").write_text(json.dumps(unchecked), encoding="utf-8")
     return home
 
 

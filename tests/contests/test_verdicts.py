@@ -152,7 +152,7 @@ def test_a_law_that_never_arrives_is_in_tables_and_charts_that_a_page_can_hold()
     for name in (stem, f"{stem}_front", f"{stem}_claims"):
         assert not any("nan" in cell for row in tables[name].rows for cell in row), name
     assert next(row for row in tables[f"{stem}_front"].rows if row[0] == "C")[1].endswith("| -")
-    finding = findings.found(contest, "p3dx", Episodes(row for row in lost if row["split"] == "test"))
+    finding = findings.finding_of(contest, "p3dx", Episodes(row for row in lost if row["split"] == "test"))
     swept = [row for row in lost if row["split"] == "front"]
     front = findings.front_chart(contest, "p3dx", Episodes(swept))
     assert [each["label"] for each in front["series"]] == [named(entry) for entry in groups(swept) if entry[0] != "C"]

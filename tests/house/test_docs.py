@@ -10,14 +10,14 @@ import filters
 import flocks
 import front_page
 import interval_coverage
-import kept_parts
+import part_rows
 import publish
 import pytest
 import results_page
 import sections
-from kept_rows import SUFFIX, read_packed
 from oracles import published_tables
 from oracles.published_tables import Cells
+from packed_rows import SUFFIX, read_packed
 
 from wayfield.benchmarks.entrants.documents import documents
 from wayfield.benchmarks.records.results import read_table
@@ -108,13 +108,13 @@ def test_page_and_readme_are_what_the_kept_tables_make() -> None:
 
 
 def test_the_page_of_the_filters_is_what_its_rows_make() -> None:
-    rows = kept_parts.read(ROOT / filters.TABLE)
+    rows = part_rows.read(ROOT / filters.TABLE)
     assert (ROOT / filters.PAGE).read_text(encoding="utf-8") == filters.page(rows)
 
 
 def test_the_page_of_the_driver_for_every_robot_is_what_its_rows_make() -> None:
-    rows = kept_parts.read(ROOT / sections.KEPT / "everywhere.csv.xz")
-    assert (ROOT / sections.KEPT / "everywhere.md").read_text(encoding="utf-8") == everywhere.page(rows)
+    rows = part_rows.read(ROOT / sections.RESULTS / "everywhere.csv.xz")
+    assert (ROOT / sections.RESULTS / "everywhere.md").read_text(encoding="utf-8") == everywhere.page(rows)
     kept = everywhere.Results(rows)
 
     def success(law: str, conditions: list[str], *, moving: bool) -> Difference:
@@ -133,8 +133,8 @@ def test_the_page_of_the_driver_for_every_robot_is_what_its_rows_make() -> None:
 
 
 def test_page_and_advice_for_teams_and_people_are_what_the_kept_rows_make() -> None:
-    rows, page = flocks.page_of(ROOT / sections.KEPT)
-    assert (ROOT / sections.KEPT / "flocks.md").read_text(encoding="utf-8") == page
+    rows, page = flocks.page_of(ROOT / sections.RESULTS)
+    assert (ROOT / sections.RESULTS / "flocks.md").read_text(encoding="utf-8") == page
     for file, told in flocks.pages(ROOT / "docs", rows["teams"], rows["people"]).items():
         assert f"{flocks.BEGIN}\n{told}\n{flocks.END}" in file.read_text(encoding="utf-8")
 
@@ -159,7 +159,7 @@ def test_every_page_says_the_verdicts_of_its_rows(monkeypatch: pytest.MonkeyPatc
     """As formulas of their own judge them."""
     monkeypatch.chdir(ROOT)
     found = Cells()
-    published_tables.check_verdicts(found, published_tables.KEPT)
+    published_tables.check_verdicts(found, published_tables.RESULTS)
     assert found.count > 1000
     assert found.wrong == []
 
@@ -176,7 +176,7 @@ def test_kept_tables_are_what_formulas_of_their_own_make_of_the_rows(section: st
     for end in ends:
         stem = f"{contest.replace('-', '_')}_{robot}{end}"
         check = {"": tables.check_standings, "_better": tables.check_shares}.get(end, tables.check_pairs)
-        lines = read_table(ROOT / sections.KEPT / f"{stem}.csv", tables.texts)
+        lines = read_table(ROOT / sections.RESULTS / f"{stem}.csv", tables.texts)
         check(found, mine, lines, stem)
         assert found.wrong == []
         # and a changed cell is seen
@@ -211,14 +211,14 @@ def test_the_page_of_the_documents_says_what_their_rows_say() -> None:
 
 # Tables of many rows, and those of other robots, take as long as all others and are made in the same way.
 LONG = {"disturbances", "goal-obstacles"}
-KEPT = [
+WITH_TABLES = [
     pytest.param(each, id=each.name, marks=pytest.mark.slow if is_long else ())
     for each in kept_sections()
     for is_long in [each.within == "claims/" or "omni" in each.name or each.name in LONG]
 ]
 
 
-@pytest.mark.parametrize("section", KEPT)
+@pytest.mark.parametrize("section", WITH_TABLES)
 def test_kept_tables_are_what_the_kept_rows_make(section: sections.Section) -> None:
     rows = read_packed(ROOT / sections.ROWS / f"{section.name}{SUFFIX}")
     made = {kept.name: made for kept, made in results_page.Store(ROOT).sections()}[section.name]
@@ -237,17 +237,19 @@ def test_every_published_table_has_its_rows_and_they_are_small() -> None:
 
 
 def test_every_kept_file_belongs_to_a_section() -> None:
-    known = {f"{sections.KEPT}/README.md", results_page.CARDS}
-    known |= {f"{sections.KEPT}/{name}" for name in (*flocks.FILES.values(), "flocks.md")}  # by a study of its own
-    known |= {f"{sections.KEPT}/everywhere.{kind}" for kind in ("csv.xz", "md")}
-    known |= {f"{sections.KEPT}/hulls.{kind}" for kind in ("csv.xz", "json", "md")}
-    known |= {f"{sections.KEPT}/learning.{kind}" for kind in ("csv", "md", "png")}
-    known |= {f"{sections.KEPT}/{name}.{kind}" for name in ("filters", "papers", "physics") for kind in ("csv", "md")}
-    known |= {f"{sections.KEPT}/physics_{name}.csv" for name in ("chain", "domain", "papers")}
-    known |= {f"{sections.KEPT}/{each.name}.{kind}" for each in sections.SECTIONS for kind in ("json", "md")}
+    known = {f"{sections.RESULTS}/README.md", results_page.CARDS}
+    known |= {f"{sections.RESULTS}/{name}" for name in (*flocks.FILES.values(), "flocks.md")}  # by a study of its own
+    known |= {f"{sections.RESULTS}/everywhere.{kind}" for kind in ("csv.xz", "md")}
+    known |= {f"{sections.RESULTS}/hulls.{kind}" for kind in ("csv.xz", "json", "md")}
+    known |= {f"{sections.RESULTS}/learning.{kind}" for kind in ("csv", "md", "png")}
+    known |= {
+        f"{sections.RESULTS}/{name}.{kind}" for name in ("filters", "papers", "physics") for kind in ("csv", "md")
+    }
+    known |= {f"{sections.RESULTS}/physics_{name}.csv" for name in ("chain", "domain", "papers")}
+    known |= {f"{sections.RESULTS}/{each.name}.{kind}" for each in sections.SECTIONS for kind in ("json", "md")}
     for section in sections.SECTIONS:
         places = {section.place(name) for name in section.tables}
         assert not places & known, "two sections would write one file"
         known |= places | {publish.decisions_of(section), f"{sections.ROWS}/{section.name}{SUFFIX}"}
-    there = {file.relative_to(ROOT).as_posix() for file in (ROOT / sections.KEPT).rglob("*") if file.is_file()}
+    there = {file.relative_to(ROOT).as_posix() for file in (ROOT / sections.RESULTS).rglob("*") if file.is_file()}
     assert there <= known

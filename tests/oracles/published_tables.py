@@ -13,7 +13,7 @@ from wayfield.benchmarks.contests import CONTESTS, TRAINED
 
 Row = Mapping[str, str]  # files are read as text
 
-KEPT = Path("docs/results")
+RESULTS = Path("docs/results")
 LEAST = 5  # scenarios of a family, under which nothing may stand in brackets
 COMPARED = ("test", "claims", "own", "public")
 LEARNED = ("ppo", "hybrid")  # whose differences from the others are claimed
@@ -248,9 +248,9 @@ def check_verdicts(cells: Cells, folder: Path) -> None:
     """Looks for a pair with two verdicts, judged anew from its p, and for advice that the rows speak against."""
     store = Store(folder.parents[1])
     for section, _ in store.sections():
-        page = store.text(f"{folder.as_posix()}/{section.name}.md") if folder == KEPT else ""
+        page = store.text(f"{folder.as_posix()}/{section.name}.md") if folder == RESULTS else ""
         places = [section.place(name) for name in section.tables if name.endswith("_pairs.csv")]
-        stems = [each.removeprefix(f"{KEPT.as_posix()}/").removesuffix(".csv") for each in places if each in store]
+        stems = [each.removeprefix(f"{RESULTS.as_posix()}/").removesuffix(".csv") for each in places if each in store]
         table = [line for stem in stems for line in store.rows(stem)]
         ps = formulas.stepped_down([float(line[each] or "nan") for line in table for each in _PS])
         said: dict[tuple[str, str, str], str] = {}
@@ -265,10 +265,10 @@ def check_verdicts(cells: Cells, folder: Path) -> None:
                     f"{section.name}, {line['condition']}, {line['scenes']}: {line['policy']} beside "
                     f"{line['beside']} is {words!r}, not so on its page"
                 )
-        for task in TASKS if folder == KEPT else ():
+        for task in TASKS if folder == RESULTS else ():
             if task[1] == section.name:
                 _check_fronts(cells, store, task, said)
-    if folder == KEPT:
+    if folder == RESULTS:
         for each in disagreements(store, store.text(CHOOSING)):
             cells.note(f"{CHOOSING}: {each}")
 

@@ -77,7 +77,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     first_of = {each["family"]: each for each in reversed(demo.worlds(families))}
     driving = Content(worlds=[first_of[family] for family in families if family in first_of])
     first = driving.worlds[-1]
-    told = {"demo": demo.told() | opened(f"{first['kind']}: {first['family']}")}
+    told = {"demo": demo.setup() | opened(f"{first['kind']}: {first['family']}")}
     text = rendered("demo", driving, made("demo", driving), demo.BUDGET, told, AGENTS)
     files["demo"].write_text(text, encoding="utf-8")
     return files

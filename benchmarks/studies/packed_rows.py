@@ -45,11 +45,11 @@ def thinned(rows: Sequence[Row]) -> dict[str, list[str]]:
     columns = (*_NAMED, *dict.fromkeys(name for names in wanted.values() for name in names))
     episodes = Episodes.of(rows)
     shown = [wanted[pair] for pair in zip(episodes["contest"], episodes["split"], strict=True)]
-    found = {name: episodes.texts(name) for name in _NAMED}
+    texts = {name: episodes.texts(name) for name in _NAMED}
     for name in columns[len(_NAMED) :]:
         values = episodes.numbers(name).tolist()
-        found[name] = [_rounded(value) if name in stored else "" for value, stored in zip(values, shown, strict=True)]
-    return found
+        texts[name] = [_rounded(value) if name in stored else "" for value, stored in zip(values, shown, strict=True)]
+    return texts
 
 
 def _rounded(value: float) -> str:
@@ -70,19 +70,19 @@ def unpacked(content: bytes, source: str) -> list[dict[str, str]]:
     Raises:
         ValueError: if it is damaged, or no such table; the message names the source.
     """
-    found: dict[str, list[str]] = {}
+    columns: dict[str, list[str]] = {}
     try:
         for name, *cells in xz_rows(content, MOST_BYTES, MOST_BYTES):
-            if name in found:
+            if name in columns:
                 raise ValueError(f"column {name:.60} comes twice")
-            if not cells or len(cells) != len(next(iter(found.values()), cells)):
+            if not cells or len(cells) != len(next(iter(columns.values()), cells)):
                 raise ValueError("its columns differ in length")
-            found[name] = cells
+            columns[name] = cells
     except (lzma.LZMAError, EOFError, csv.Error, ValueError) as error:
         raise ValueError(f"{source} holds no packed rows: {error}") from None
-    if not found:
+    if not columns:
         raise ValueError(f"{source} holds no packed rows: it is empty")
-    return [dict(zip(found, cells, strict=True)) for cells in zip(*found.values(), strict=True)]
+    return [dict(zip(columns, cells, strict=True)) for cells in zip(*columns.values(), strict=True)]
 
 
 _SAMPLE = packed({"policy": ["lqr", "mpc"], "success": ["1", "0"]})
