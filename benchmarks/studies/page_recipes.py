@@ -197,7 +197,6 @@ OF_SHEETS: Mapping[str, Mapping[str, tuple[str, str]]] = {
 _UNREACHED = 1e9  # m/s and rad/s
 
 Leaf = tuple[str, Any]  # name, and the array or number
-Call = tuple[str, list[Leaf]]  # of an export
 
 
 def leaves(names: Sequence[str], values: Sequence[Any]) -> list[Leaf]:

@@ -19,7 +19,6 @@ IDENTIFIED = (
 )
 _SHARE = 0.95  # of what the ends of an interval enclose
 
-Values = float | tuple[float, ...]
 Ends = float | None | tuple[float | None, ...]
 
 

@@ -211,23 +211,6 @@ def test_where_words_meet_rounding_hides_none() -> None:
             assert shortest_word(x, y, heading + rounding, word) == pytest.approx(length, abs=1e-6), (way, rounding)
 
 
-@pytest.mark.parametrize(
-    ("pose", "length"),
-    [
-        ((5.0, 0.0, 0.0), 5.0),
-        ((-5.0, 0.0, 0.0), 5.0),
-        ((0.0, 0.0, math.pi), math.pi),  # three arcs of 60 degrees each
-        ((0.0, 2.0, math.pi), math.pi),  # half a circle
-        ((1.0, 1.0, 0.5 * math.pi), 0.5 * math.pi),
-        ((0.0, 4.0, 0.0), 2.0 * math.pi),  # sideways by two diameters: two half circles
-    ],
-)
-def test_known_lengths(pose: tuple[float, float, float], length: float) -> None:
-    assert shortest_word(*pose, np.zeros((MOST_PIECES, 2))) <= length + 1e-9
-    if pose != (0.0, 4.0, 0.0):
-        assert shortest_word(*pose, np.zeros((MOST_PIECES, 2))) == pytest.approx(length, abs=1e-9)
-
-
 @pytest.mark.slow
 def test_a_numeric_search_finds_nothing_shorter() -> None:
     """Random searches over the lengths of five pieces, refined, reach the length of the word and never less."""
