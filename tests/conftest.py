@@ -30,12 +30,24 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
+def _draw_nothing(patch: pytest.MonkeyPatch) -> None:
+    # in their place what leaves nothing, and travels to other processes
+    patch.setattr("wayfield.benchmarks.figures.document_figures.draw", len)
+    patch.setattr("wayfield.benchmarks.figures.contest_figures.draw_contest", len)
+
+
 @pytest.fixture
 def undrawn(monkeypatch):
     """For runs of which no figure is looked at: to draw them takes as long as all the rest."""
-    # in their place what leaves nothing, and travels to other processes
-    monkeypatch.setattr("wayfield.benchmarks.figures.document_figures.draw", len)
-    monkeypatch.setattr("wayfield.benchmarks.figures.contest_figures.draw_contest", len)
+    _draw_nothing(monkeypatch)
+
+
+@pytest.fixture(scope="module")
+def undrawn_module():
+    """Likewise for all runs of a module, those of its fixtures included."""
+    with pytest.MonkeyPatch.context() as patch:
+        _draw_nothing(patch)
+        yield
 
 
 @pytest.fixture(autouse=True)
