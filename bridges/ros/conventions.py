@@ -17,6 +17,9 @@ Array = NDArray[np.float64]
 AHEAD = math.radians(60.0)  # rad, to either side: where the robot must see to drive
 MOST_UNKNOWN = 0.5  # share of what is ahead
 MEMORY = 0.5  # s, that a hit is remembered in a direction that is no longer seen
+MOST_TURNS = 4.0 * math.pi  # rad, of the first beam: farther round, directions are no longer exact
+FARTHEST_NEAR = 5.0  # m, of range_min
+FAR_BEYOND, FARTHEST_SEEN = 5.0, 300.0  # times range_max, and m, beyond which ranges are in other units
 NO_RETURN = ("far", "unknown")  # what 0 and NaN mean: free as far as the lidar sees, or not known
 
 
@@ -75,6 +78,17 @@ def fault_of(scan: Scan) -> str:
         return f"scan has {count} beams {abs(scan.angle_increment):.3g} rad apart; they must be {AHEAD:.3g} rad or less"
     if not 0.0 <= scan.range_min < scan.range_max:
         return f"scan's range_min is {scan.range_min:g} and range_max {scan.range_max:g}; 0 <= range_min < range_max"
+    if abs(scan.angle_min) > MOST_TURNS:
+        return f"scan's angle_min is {scan.angle_min:g} rad; it must be within {MOST_TURNS:.3g} rad of 0"
+    if scan.range_min > FARTHEST_NEAR:
+        return f"scan's range_min is {scan.range_min:g} m; it must be at most {FARTHEST_NEAR:g}: is it in mm or cm?"
+    # out of range all drivers write the same; what differs is measured, and read as free where it is beyond range_max
+    ranges = np.asarray(scan.ranges, np.float64)
+    measured = np.isfinite(ranges) & (ranges > 0.0)
+    beyond = measured & (ranges > min(FAR_BEYOND * scan.range_max, FARTHEST_SEEN))
+    if 2 * beyond.sum() > measured.sum() and len(np.unique(ranges[beyond])) > 2:
+        median = float(np.median(ranges[beyond]))
+        return f"scan has ranges of {median:.4g} m, its range_max is {scan.range_max:g} m: are they in mm or cm?"
     requested = (scan.angle_max - scan.angle_min) / scan.angle_increment + 1.0 if count > 1 else 1.0
     if not abs(requested - count) <= 1.0 + 1e-3 * count**0.5:
         return f"scan has {count} ranges, but angle_min, angle_max and angle_increment imply {requested:.1f}"

@@ -89,6 +89,29 @@ def test_what_drivers_write_for_nothing_too_near_and_not_measured(told, read_as,
     assert beams.is_hit.tolist() == ([] if read_as is None else [is_hit])
 
 
+@pytest.mark.parametrize("scale", [100.0, 1000.0])
+@pytest.mark.parametrize("limits", ["m", "scaled", "scaled from 0"])
+def test_ranges_in_other_units_are_refused_and_never_read_as_free(scale, limits):
+    rng = np.random.default_rng(0)
+    for _ in range(50):  # rooms of 1.5 to 8 m, a lidar of 12 m
+        ranges = rng.uniform(0.5, 1.0, 360) * rng.uniform(1.5, 8.0)
+        lost = rng.random(360) < 0.2
+        least, most = {"m": (0.1, 12.0), "scaled": (0.1 * scale, 12.0 * scale), "scaled from 0": (0.0, 12.0 * scale)}[
+            limits
+        ]
+        ranges[lost] = rng.choice([0.0, math.inf, 65.535, 12.001])
+        assert fault_of(scan_of(ranges, range_max=12.0)) == ""
+        if limits == "scaled from 0" and scale < 1000.0:
+            continue  # a lidar of 1,200 m on a plain has such scans
+        assert "in mm or cm?" in fault_of(scan_of(ranges * scale, range_min=least, range_max=most))
+
+
+def test_what_lies_beyond_range_max_alike_or_differently_is_no_other_unit():
+    for far in (13.0, 65.535, 1e4, 3.4e38):
+        assert fault_of(scan_of(np.full(360, far), range_max=12.0)) == ""
+    assert fault_of(scan_of(np.linspace(13.0, 90.0, 360), range_max=12.0)) == ""
+
+
 def test_a_scan_counts_as_none_where_its_sizes_do_not_agree_or_it_says_nothing_of_what_is_ahead():
     good = scan_of(np.full(360, 2.0))
     assert sight().fault(good) == ""
@@ -97,6 +120,9 @@ def test_a_scan_counts_as_none_where_its_sizes_do_not_agree_or_it_says_nothing_o
     assert fault_of(dataclasses.replace(good, ranges=np.empty(0)))
     assert fault_of(dataclasses.replace(good, angle_increment=math.nan))
     assert fault_of(dataclasses.replace(good, range_max=0.0))
+    assert "angle_min" in fault_of(
+        dataclasses.replace(good, angle_min=1e9, angle_max=1e9 + good.angle_max - good.angle_min)
+    )
     for n in (1, 2, 4):  # a ring of sonars sees too little of what is ahead
         turn = 2.0 * math.pi / n
         assert "rad apart" in sight().fault(Scan(1.0, 0.0, (n - 1) * turn, turn, 0.0, 3.5, np.full(n, math.inf)))
