@@ -32,6 +32,7 @@ SUFFIXES = (*TABLE_SUFFIXES, ".json")
 # The clock: slower than the look-ahead law gets on any but the tightest bends, and time to set off and settle.
 _SPEED = 0.25  # m/s
 _SLACK = 20.0  # s
+_CORNER, _TURNING = 0.3, 1.0  # rad, from which on a path has a corner, and rad/s, to stop there, turn and set off
 _DETOUR = 3.0  # times the straight way, that obstacles may make of it; times the shortest on a map
 _SLIM = 0.1  # m, radius of a hull that gets through where most do
 _LONGEST = 10_000.0  # m: several hours of driving, minutes of computing
@@ -103,7 +104,7 @@ def _own(file: str, scale: float | None, digest: str) -> OwnScenario:
         if scale is not None:
             raise ValueError(f"--scale belongs to paths: the file holds a {spec.kind} scenario")
         (scenario,) = scenarios_of(spec, file, FINEST)
-        length, shorter = _DETOUR * _straight_way(scenario), ""
+        length, turning, shorter = _DETOUR * _straight_way(scenario), 0.0, ""
         if scenario.grid is not None:
             # a maze can make more of it than obstacles
             with contextlib.suppress(ValueError):
@@ -112,13 +113,15 @@ def _own(file: str, scale: float | None, digest: str) -> OwnScenario:
         scale = scale or 1.0
         (scenario,) = scenarios_of(spec, file, FINEST, scale)
         length = scenario.length
+        laps = length / scenario.path.length
+        turning = min(laps * _corners(scenario.path) / _TURNING, length / _SPEED)
         shorter = f" with --scale, {_LONGEST / length * scale:.2g} for example"
     if length > _LONGEST:
         raise ValueError(
             f"{file}: the way is {length:,.0f} m long, which is many hours of driving; make it at most "
             f"{_LONGEST:,.0f} m{shorter}"
         )
-    seconds = max(length / _SPEED, *getattr(scenario, "times", ()), 0.0)  # those of a reference are its own
+    seconds = max(length / _SPEED + turning, *getattr(scenario, "times", ()), 0.0)  # those of a reference are its own
     steps = math.ceil((seconds + _SLACK) / CONTROL_PERIOD)
     return OwnScenario(contest, file, scenario, steps, scale)
 
@@ -218,6 +221,14 @@ def own_courses(folder: str, scale: float | None, robot: AnyRobot) -> tuple[Cont
         Course(file.stem, OWN_SPLIT, each.file, each.steps, each.env_kwargs)
         for file, each in zip(files, own, strict=True)
     )
+
+
+def _corners(path: Any) -> float:
+    """Returns by how much (rad) a path turns in its corners, all together."""
+    points = np.vstack([path.points, path.points[:2]]) if path.closed else path.points
+    headings = np.arctan2(*np.diff(points, axis=0).T[::-1])
+    turns = np.abs(np.remainder(np.diff(headings) + math.pi, 2.0 * math.pi) - math.pi)
+    return float(turns[turns > _CORNER].sum())
 
 
 def _straight_way(scenario: Any) -> float:

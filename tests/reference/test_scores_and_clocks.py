@@ -52,7 +52,7 @@ def test_the_shortest_way_round_a_box_and_through_waypoints() -> None:
 
 
 def test_the_clock_of_a_scenario_of_ones_own(tmp_path: Path) -> None:
-    """A quarter of a metre a second and twenty seconds more, of thrice the straight way, or of the laps of a path."""
+    """0.25 m/s and 20 s, of thrice the straight way, or of the laps of a path, whose corners take a second a radian."""
     goal, loop, line = tmp_path / "goal.json", tmp_path / "loop.json", tmp_path / "line.csv"
     told = {"start": [0, 0, 0], "goal": [3, 4, 0.5], "waypoints": [[3, 0]], "obstacles": []}
     goal.write_text(json.dumps(told))
@@ -60,12 +60,13 @@ def test_the_clock_of_a_scenario_of_ones_own(tmp_path: Path) -> None:
     line.write_text("0,0\n2,0\n2,1\n")
     found = {file.name: own_scenario(str(file)) for file in (goal, loop, line)}
     lengths = {"goal.json": 3.0 * 7.0, "loop.json": 3.0 * 8.0, "line.csv": 3.0}
+    turns = {"goal.json": 0.0, "loop.json": 3.0 * 2.0 * math.pi, "line.csv": 0.5 * math.pi}
     for name, own in found.items():
-        assert own.steps == math.ceil(round((lengths[name] / 0.25 + 20.0) / 0.05, 6))
+        assert own.steps == math.ceil(round((lengths[name] / 0.25 + turns[name] + 20.0) / 0.05, 6))
         assert own.file == str(tmp_path / name)
         quantity = own.contest.spec.quantity(own.scenario)
         assert (own.tiered.quantity, own.tiered.tier) == (quantity, own.contest.spec.tier(quantity))
-    assert own_scenario(str(line), 2.0).steps == math.ceil(round((6.0 / 0.25 + 20.0) / 0.05, 6))
+    assert own_scenario(str(line), 2.0).steps == math.ceil(round((6.0 / 0.25 + 0.5 * math.pi + 20.0) / 0.05, 6))
     assert (own_scenario(str(line), 2.0).env_kwargs, found["goal.json"].env_kwargs) == ({"scale": 2.0}, {})
     with pytest.raises(ValueError, match=r"is 30,000 m long.* at most 10,000 m with --scale, 3\.3e\+03 for example"):
         own_scenario(str(line), 10_000.0)
@@ -118,4 +119,4 @@ def test_the_clock_in_a_maze_is_that_of_its_way_and_of_endless_laps_that_of_one(
     (tmp_path / "endless.json").write_text(json.dumps({"path": [[0, 0], [2, 0], [2, 2]], "closed": True, "laps": 0}))
     endless = own_scenario(str(tmp_path / "endless.json"))
     assert endless.scenario.laps == 0
-    assert endless.steps == math.ceil(((4.0 + math.sqrt(8.0)) / 0.25 + 20.0) / 0.05)
+    assert endless.steps == math.ceil(((4.0 + math.sqrt(8.0)) / 0.25 + 2.0 * math.pi + 20.0) / 0.05)
