@@ -22,6 +22,7 @@ from simulators import pilots, places
 from sphinx.application import Sphinx
 
 import wayfield  # noqa: F401  registers the ids
+from wayfield.benchmarks.leaderboards.disclosure import inputs
 from wayfield.envs.robots import robots_with
 from wayfield.envs.tasks.specs import EVERY, spec_of
 from wayfield.policies import ABOUT, POLICIES, drives, make
@@ -189,7 +190,7 @@ def policy_page(name: str, advice: str) -> str:
     tuned = [f"{spec.suite}: {', '.join(tuned_conditions(name, spec.suite))}" for spec in tasks]
     facts = [
         ("drives", ", ".join(spec.title.lower() for spec in tasks)),
-        ("gets before an episode", policy.knows if policy.knows != "sensors" else "nothing: it has its sensors"),
+        ("inputs", ", ".join(dict.fromkeys(inputs(policy.knows, spec.observes) for spec in tasks))),
         ("needs", ", ".join(_needs(name)) or "any robot"),
         ("class", f"`{kind.__module__}.{kind.__name__}`"),
         ("source", source or "none"),

@@ -39,29 +39,30 @@ def _chosen(what: str, words: Sequence[str], known: Mapping[str, str]) -> list[s
 @click.argument("names", nargs=-1)
 def policies(names: tuple[str, ...]) -> None:
     """Lists the policies, or those that NAMES name, also by a part or the task: inputs, needs, control law, source."""
+    from wayfield.benchmarks.leaderboards.disclosure import inputs
     from wayfield.policies import ABOUT, drives
 
     rows = []
-    kinds = {name: [spec.kind for spec in EVERY.values() if drives(name, spec)] for name in ABOUT}
-    for name in _chosen("policy", names, {name: " ".join(kinds[name]) for name in ABOUT}):
+    driven = {name: [spec for spec in EVERY.values() if drives(name, spec)] for name in ABOUT}
+    for name in _chosen("policy", names, {name: " ".join(spec.kind for spec in driven[name]) for name in ABOUT}):
         about = ABOUT[name]
         policy = about.make()
         needs = ", ".join(getattr(policy, "needs", ())) or "-"
         rows.append(
             [
                 name,
-                "\n".join(kinds[name]),
-                policy.knows,
+                "\n".join(spec.kind for spec in driven[name]),
+                "\n".join(inputs(policy.knows, spec.observes) for spec in driven[name]),
                 needs,
                 about.what + (f" ({about.source})" if about.source else ""),
             ]
         )
-    _show("Policies", ("name", "task", "access", "needs", "what it is"), rows)
+    _show("Policies", ("name", "task", "inputs", "needs", "what it is"), rows)
     _say(
-        "Access: privileged information before an episode; `sensors` is none, and so is `bodies`, which sees "
-        "the nearest ones while it drives. Needs: what a robot must be. "
+        "Inputs: what a policy gets before an episode, or while it drives: path errors, a lidar, the nearest bodies. "
+        "Needs: what a robot must be. "
         "wayfield.policies.make(NAME) makes one; help() of it has its gains, its equations and its whole source. "
-        "Smooth_pose has access to the path, or the goal."
+        "All get the robot's pose."
     )
 
 

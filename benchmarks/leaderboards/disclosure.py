@@ -25,7 +25,7 @@ _SEES: Mapping[str, str] = {
 _INPUTS: Mapping[str, Mapping[str, str]] = {
     "path": {"sensors": "path errors", "path": "whole path"},
     "reference": {"sensors": "reference, 0.8 s", "path": "whole reference"},
-    "goal": {"path": "goal"},
+    "goal": {"sensors": "lidar", "path": "goal"},
 }  # of what a task observes: what `knows` means there
 _AGENT_ON_PATHS = (
     "its last commands; holds a quicker base to the accelerations and the lag that it knows; its reward was the exact "
@@ -60,7 +60,9 @@ class Disclosure:
 
 def inputs(knows: str, observes: str) -> str:
     """Returns the inputs of a policy with access `knows`, in words, in a task that observes `observes`."""
-    return _INPUTS.get(observes, {}).get(knows, knows)
+    own = "own, " if knows.startswith("own, ") else ""
+    known = knows.removeprefix(own)
+    return own + _INPUTS.get(observes, {}).get(known, known)
 
 
 def disclosed(policy: str, gains_name: str, knows: str, contest: Contest) -> Disclosure:

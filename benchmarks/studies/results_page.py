@@ -52,7 +52,7 @@ BEGIN, END = "<!-- results: made by python benchmarks/studies/publish.py -->", "
 CHOOSING = "docs/choosing.md"
 LEADERBOARD = "docs/leaderboard"  # a folder each accepted submission
 MOST = 6  # rows a task
-NO_MAP, ONLY_MAP = "no map", "map"
+LIDAR, ONLY_MAP = "lidar", "map"
 LEARNED = (*TRAINED, ANY)  # with a network, alone or beside a planner: no controllers
 
 Row = Mapping[str, str]
@@ -633,7 +633,7 @@ def advised(store: Store) -> list[tuple[str, str, str, Mapping[str, str], str]]:
         for kind in kinds if board else ():
             mine = [row for row in board if row["scenes"] == kind]
             accesses = {row["inputs"] for row in mine}
-            groups = (NO_MAP, ONLY_MAP) if ONLY_MAP in accesses else tuple(sorted(accesses, reverse=True))
+            groups = (LIDAR, ONLY_MAP) if ONLY_MAP in accesses else tuple(sorted(accesses, reverse=True))
             for access in groups:
                 # who has the map, or the whole path, may also drive by less
                 able = [
@@ -641,7 +641,7 @@ def advised(store: Store) -> list[tuple[str, str, str, Mapping[str, str], str]]:
                     for row in mine
                     if access in (row["inputs"], ONLY_MAP)
                     or access.startswith("whole")
-                    or (access == NO_MAP and row["inputs"] != ONLY_MAP)
+                    or (access == LIDAR and row["inputs"] != ONLY_MAP)
                 ]
                 sets = controller_first(best_sets(able, at_pace(board, lines)), lines)
                 if advice and advice[-1][:2] == (task, kind) and advice[-1][3] is sets[0]:

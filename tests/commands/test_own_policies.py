@@ -108,7 +108,7 @@ def test_a_class_of_four_members_takes_part_with_workers_of_their_own(home: Path
     assert paces[0.3] < paces[0.45] < paces[0.6]
     with open(home / "out" / "path_following_p3dx.csv", newline="") as file:
         inputs = {line["policy"]: line["inputs"] for line in csv.DictReader(file)}
-    assert inputs["laws_of_mine:Chase"] == "own, sensors"
+    assert inputs["laws_of_mine:Chase"] == "own, path errors"
     text = (home / "out" / "table.md").read_text()
     assert "--policy laws_of_mine:Chase" in text
     assert "--workers 2 --out out" in text
