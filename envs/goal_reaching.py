@@ -495,10 +495,6 @@ class GoalReaching(Task):
         """Returns the layout of what a robot observes."""
         return Observation.layout(len(self.robot.twist_axes), num_beams, max_range, self.belongs_to)
 
-    def courses_of(self) -> tuple[GoalScenario, ...]:
-        """Returns the goals of each robot of each scenario, in the order of states["scenario"]."""
-        return self.scenarios
-
     def last_indices(self, scenarios: NDArray[np.int64]) -> dict[str, NDArray[np.int64]]:
         """Returns the greatest value (b,) of each index."""
         return {"waypoint": self.world.courses["num_goals"][scenarios] - 1}

@@ -2,7 +2,7 @@
 
 The tier shapes the command as in the other plants; the wheels' servos follow it, and MuJoCo does the rest. What a
 disturbance does to the wheels and to their grip is in the speeds that they are sent, what it does to the pose is a
-displacement, as in the other plants. Every robot has a model of its own, with what stands around it.
+displacement, as in the other plants. Every world has a model of its own: its robots, and what stands around them.
 """
 
 import functools
@@ -18,7 +18,7 @@ from wayfield.envs.pymunk_plant import FLOOR_FRICTION, twist_between_poses
 from wayfield.envs.robots import Robot
 from wayfield.envs.robots.hulls import hull_clearance
 from wayfield.envs.robots.kinematic_plant import body_twist, lagging_twist
-from wayfield.envs.robots.mjcf import TIMESTEP, mjcf
+from wayfield.envs.robots.mjcf import TIMESTEP, mjcf, prefixes
 from wayfield.envs.robots.records import ROBOT_PARAMS, ROBOT_STATE, lag_factors, part_of
 from wayfield.envs.robots.response import respond
 from wayfield.envs.robots.sensing import advance_odometry
@@ -151,107 +151,149 @@ def yaw_of(quaternion: NDArray[np.float64]) -> float:
 
 
 class World:
-    """MuJoCo's model and state of a robot and of what stands around it.
+    """MuJoCo's model and state of robots and of what stands around them.
 
     Attributes:
         data: MuJoCo's MjData.
-        pose: (3,) of the robot, as it was last read or put.
+        poses: (n, 3) of the robots, as they were last read or put.
     """
 
     def __init__(
-        self, robot: Robot, wheels: str | None, pose: NDArray[np.float64], obstacles: NDArray[np.void], grid: Any
+        self, robot: Robot, wheels: str | None, poses: NDArray[np.float64], obstacles: NDArray[np.void], grid: Any
     ) -> None:
-        self._made_of = (robot, wheels, pose.copy(), obstacles.copy(), grid)
-        self.model = model_of(mjcf(robot, wheels, obstacles, grid, FLOOR_FRICTION))
+        self._made_of = (robot, wheels, poses.copy(), obstacles.copy(), grid)
+        count = len(poses)
+        self.model = model_of(mjcf(robot, wheels, obstacles, grid, FLOOR_FRICTION, count))
         self.data = mujoco.MjData(self.model)
-        self.pose = pose.copy()
+        self.poses = poses.copy()
         built = len(robot.built)
         self.axles = built // len(robot.wheels)  # wheels that turn alike
         positions, warm = standing(robot, wheels)
-        self.turns = slice(7, len(positions), (len(positions) - 7) // built)  # angles of wheels, past those of rollers
-        self.data.qpos[: len(positions)] = positions
-        self.data.qpos[:2] = pose[:2]
-        self.data.qpos[3:7] = _turned(positions[3:7], float(pose[2]))
-        self.data.qacc_warmstart[: len(warm)] = warm
+        size = len(positions)
+        self.turns = slice(7, size, (size - 7) // built)  # angles of wheels, past those of rollers
+        # a row a robot; pushed things lie behind them
+        self.own, self.velocities, self.warm = (
+            whole[: count * each].reshape(count, each)
+            for whole, each in (
+                (self.data.qpos, size),
+                (self.data.qvel, len(warm)),
+                (self.data.qacc_warmstart, len(warm)),
+            )
+        )
+        self.own[:], self.warm[:] = positions, warm
+        self.own[:, :2] = poses[:, :2]
+        for own, pose in zip(self.own, poses, strict=True):
+            own[3:7] = _turned(positions[3:7], float(pose[2]))
         moving = obstacles["patrol"]["leg_time"] > 0.0
         self.movers = np.flatnonzero(moving)
         self.things = np.flatnonzero(~moving & (obstacles["mass"] > 0.0))
         self.reach = float(robot.wheel_radii.max())
-        self.hull = self.model.geom("hull").id
+        self.hulls = np.array([self.model.geom(f"{prefix}hull").id for prefix in prefixes(count)])
         self.bodies = [self.model.body(f"thing{j}").id for j in self.things]
 
-    def put(self, pose: NDArray[np.float64]) -> None:
-        """Displaces the robot to a pose, if it is not there; it keeps its twist."""
-        if (pose == self.pose).all():
-            return
-        own, velocity = self.data.qpos, self.data.qvel
-        turn = float(pose[2] - self.pose[2])
-        own[:2] += pose[:2] - self.pose[:2]
-        own[3:7] = _turned(own[3:7].copy(), turn)
-        c, s = math.cos(turn), math.sin(turn)
-        velocity[:2] = c * velocity[0] - s * velocity[1], s * velocity[0] + c * velocity[1]
-
-    def wheels(self) -> NDArray[np.float64]:
-        """Returns the angles (n,) of the driven wheels, rad."""
-        turned = np.array(self.data.qpos[self.turns])
-        return turned if self.axles == 1 else turned.reshape(-1, self.axles).mean(axis=1)
-
-    def step(self, speeds: NDArray[np.float64], near: bool, movers: Any) -> bool:
-        """Drives the wheels at speeds (k, wheels) in k sub-steps; returns whether the hull has touched something.
+    def take(self, other: "World", pairs: list[tuple[int, int]]) -> None:
+        """Takes over the state of another world of the same things.
 
         Args:
-            near: whether it may.
+            pairs: robots here and there that are the same; each other one stands where it was put.
+        """
+        for mine, theirs in pairs:
+            self.poses[mine] = other.poses[theirs]
+            for here, there in (
+                (self.own, other.own),
+                (self.velocities, other.velocities),
+                (self.warm, other.warm),
+            ):
+                here[mine] = there[theirs]
+        for name, here, there in (
+            ("qpos", self.own, other.own),
+            ("qvel", self.velocities, other.velocities),
+            ("qacc_warmstart", self.warm, other.warm),
+        ):
+            getattr(self.data, name)[here.size :] = getattr(other.data, name)[there.size :]
+
+    def put(self, poses: NDArray[np.float64]) -> None:
+        """Displaces robots to poses (n, 3), where they are not there; they keep their twists."""
+        for k in np.flatnonzero((poses != self.poses).any(axis=1)).tolist():
+            own, velocity = self.own[k], self.velocities[k]
+            turn = float(poses[k, 2] - self.poses[k, 2])
+            own[:2] += poses[k, :2] - self.poses[k, :2]
+            own[3:7] = _turned(own[3:7].copy(), turn)
+            c, s = math.cos(turn), math.sin(turn)
+            velocity[:2] = c * velocity[0] - s * velocity[1], s * velocity[0] + c * velocity[1]
+
+    def wheels(self) -> NDArray[np.float64]:
+        """Returns the angles (n, wheels) of the driven wheels, rad."""
+        turned = np.array(self.own[:, self.turns])
+        return turned if self.axles == 1 else turned.reshape(len(turned), -1, self.axles).mean(axis=2)
+
+    def step(self, speeds: NDArray[np.float64], near: bool, movers: Any) -> NDArray[np.bool_]:
+        """Drives the wheels at speeds (n, k, wheels) in k sub-steps; returns whose hull (n,) has touched what stands.
+
+        Args:
+            near: whether one may.
             movers: movers(k) puts what moves where it is after k sub-steps; None: nothing moves.
         """
         model, data = self.model, self.data
         if self.axles > 1:
-            speeds = np.repeat(speeds, self.axles, axis=1)
-        if not near and movers is None and (speeds == speeds[0]).all():
-            data.ctrl[:] = speeds[0]
-            mujoco.mj_step(model, data, len(speeds))
-            return False
-        touched = False
-        for k, each in enumerate(speeds):
+            speeds = np.repeat(speeds, self.axles, axis=2)
+        controls = speeds.transpose(1, 0, 2).reshape(speeds.shape[1], -1)
+        touched = np.zeros(len(speeds), np.bool_)
+        if not near and movers is None and (controls == controls[0]).all():
+            data.ctrl[:] = controls[0]
+            mujoco.mj_step(model, data, len(controls))
+            return touched
+        for k, each in enumerate(controls):
             data.ctrl[:] = each
             if movers is not None:
                 movers(k + 1)
             mujoco.mj_step(model, data)
-            touched = touched or (near and bool((data.contact.geom == self.hull).any()))
+            if near:
+                pairs = data.contact.geom
+                others = ~np.isin(pairs, self.hulls).all(axis=1)  # the task decides when two robots touch
+                touched |= np.isin(self.hulls, pairs[others])
         return touched
 
-    def read(self, state: NDArray[np.void]) -> None:
-        """Writes pose and twist of the robot into its state."""
-        own, velocity = self.data.qpos, self.data.qvel
-        heading = wrap_angle(yaw_of(own[3:7]))
-        self.pose[:] = own[0], own[1], heading
-        c, s = math.cos(heading), math.sin(heading)
-        state["x"], state["y"], state["heading"] = self.pose.tolist()
-        state["vx"] = c * velocity[0] + s * velocity[1]
-        state["vy"] = c * velocity[1] - s * velocity[0]
-        state["yaw_rate"] = velocity[5]
+    def read(self, states: NDArray[np.void], rows: NDArray[np.int64]) -> None:
+        """Writes poses and twists of the robots into their rows."""
+        for k, i in enumerate(rows.tolist()):
+            own, velocity, state = self.own[k], self.velocities[k], states[i]
+            heading = wrap_angle(yaw_of(own[3:7]))
+            self.poses[k] = own[0], own[1], heading
+            c, s = math.cos(heading), math.sin(heading)
+            state["x"], state["y"], state["heading"] = self.poses[k].tolist()
+            state["vx"] = c * velocity[0] + s * velocity[1]
+            state["vy"] = c * velocity[1] - s * velocity[0]
+            state["yaw_rate"] = velocity[5]
 
-    def read_things(self, obstacles: NDArray[np.void]) -> None:
-        """Writes where pushed things are."""
+    def read_things(self, obstacles: NDArray[np.void], rows: NDArray[np.int64]) -> None:
+        """Writes where pushed things are, into the rows of all robots."""
         for j, body in zip(self.things.tolist(), self.bodies, strict=True):
             heading = yaw_of(self.data.xquat[body])
-            obstacles["x"][j], obstacles["y"][j] = self.data.xpos[body, :2].tolist()
-            obstacles["cos"][j], obstacles["sin"][j] = math.cos(heading), math.sin(heading)
+            x, y = self.data.xpos[body, :2].tolist()
+            for name, value in (("x", x), ("y", y), ("cos", math.cos(heading)), ("sin", math.sin(heading))):
+                obstacles[name][rows, j] = value
 
     def __reduce__(self) -> tuple[Any, ...]:
         state = np.empty(mujoco.mj_stateSize(self.model, _STATE))
         mujoco.mj_getState(self.model, self.data, state, _STATE)
-        return World, self._made_of, (state, self.pose)
+        return World, self._made_of, (state, self.poses)
 
     def __setstate__(self, state: tuple[NDArray[np.float64], NDArray[np.float64]]) -> None:
-        physics, self.pose = state
+        physics, self.poses = state
         mujoco.mj_setState(self.model, self.data, physics, _STATE)
 
 
 class MujocoPlant:
     """Drives a batch of robots, each world in a MuJoCo model of its own, built when it first moves.
 
+    Where a robot has left its world, or begins anew in one that goes on, the model is built anew, and what is in both
+    goes on as it was. A robot whose episode is over brakes. People are no bodies here: the task moves them, and ends
+    the episode of who touches them.
+
     Attributes:
-        worlds: the `World` of each robot; None where it has not moved since the reset.
+        worlds: the `World` of each team; None where it has not moved since the reset.
+        rows: whose states are those of the robots of each world; -1 where one begins anew.
 
     Raises:
         ValueError: if the robot cannot be built.
@@ -261,7 +303,8 @@ class MujocoPlant:
         options = task.options
         self.task = task
         self.wheels = options.wheels
-        self.worlds: list[World | None] = [None] * num_envs
+        self.worlds: list[World | None] = [None] * (num_envs // task.team)
+        self.rows = np.arange(num_envs).reshape(-1, task.team).tolist()
         mjcf(task.robot, self.wheels)  # refuses what cannot be built
         self.count = round(options.dt / TIMESTEP)
         self.factors = np.array(lag_factors(options.actuators.lag, options.dt / self.count))
@@ -284,18 +327,27 @@ class MujocoPlant:
         return self._parts[1:]
 
     def reset(self, rows: NDArray[np.int64], states: NDArray[np.void], obstacles: NDArray[np.void]) -> None:
-        """Forgets the worlds of the robots in `rows`."""
+        """Forgets the robots in `rows`, and worlds all of whose robots are."""
         del states, obstacles
-        for i in rows.tolist():
-            self.worlds[i] = None
+        begun = set(rows.tolist())
+        for w in {i // self.task.team for i in begun}:
+            self.rows[w] = [-1 if i in begun else i for i in self.rows[w]]
+            if set(self.rows[w]) == {-1}:
+                self.worlds[w] = None
 
-    def _world(self, i: int, states: NDArray[np.void], obstacles: NDArray[np.void]) -> World:
-        """Returns the world of robot i, built where it and its obstacles are."""
-        count = int(self.task.obstacle_counts(states[i : i + 1])[0])
-        grid = getattr(self.task.scenarios[states[i]["scenario"]], "grid", None)
-        world = World(self.task.robot, self.wheels, self.before[i], obstacles[i, :count], grid)
-        self.worlds[i] = world
-        return world
+    def _world(self, w: int, rows: list[int], states: NDArray[np.void], obstacles: NDArray[np.void]) -> World:
+        """Returns the world of a team whose robots in `rows` are there, built where they and their obstacles are."""
+        world, known = self.worlds[w], self.rows[w]
+        if world is not None and rows == known:
+            return world
+        first = rows[0]
+        count = int(self.task.obstacle_counts(states[first : first + 1])[0])
+        grid = getattr(self.task.courses_of()[states[first]["scenario"]], "grid", None)
+        made = World(self.task.robot, self.wheels, self.before[rows], obstacles[first, :count], grid)
+        if world is not None:
+            made.take(world, [(k, known.index(i)) for k, i in enumerate(rows) if i in known])
+        self.worlds[w], self.rows[w] = made, rows
+        return made
 
     def drive(
         self,
@@ -310,51 +362,57 @@ class MujocoPlant:
         for k, name in enumerate(("x", "y", "heading")):
             self.before[:, k] = states[name]
         command_rows(params, robots, actions, skip, self.factors, self.twists, self.speeds)
-        for i in np.flatnonzero(~skip).tolist():
-            world = self.worlds[i] or self._world(i, states, obstacles)
-            self._drive(i, world, states, obstacles, robots, params)
+        self.speeds[skip] = 0.0
+        there = (self.task.present(states) | ~skip).reshape(-1, self.task.team)
+        for w in np.flatnonzero(~skip.reshape(there.shape).all(axis=1)).tolist():
+            rows = w * self.task.team + np.flatnonzero(there[w])
+            world = self._world(w, rows.tolist(), states, obstacles)
+            self._drive(rows, world, states, obstacles, robots, params, skip)
         finish_rows(params, robots, obstacles, grids, noise, skip, self.before, self.twists, self.slips)
 
     def _drive(
         self,
-        i: int,
+        rows: NDArray[np.int64],
         world: World,
         states: NDArray[np.void],
         obstacles: NDArray[np.void],
         robots: NDArray[np.void],
         params: NDArray[np.void],
+        skip: NDArray[np.bool_],
     ) -> None:
-        """Moves robot i by one control period."""
-        dt, speeds = self.task.options.dt, self.speeds[i]
+        """Moves the robots of a world, in some rows, by one control period."""
+        dt, speeds = self.task.options.dt, self.speeds[rows]
         movers = None
         if len(world.movers):
+            first = rows[~skip[rows]][0]
 
             def movers(k: int) -> None:
-                place_movers(params, robots, obstacles, i, k * dt / self.count, self.places)
+                place_movers(params, robots, obstacles, first, k * dt / self.count, self.places)
                 world.data.mocap_pos[:, :2] = self.places[world.movers]
 
-        world.put(self.before[i])
+        world.put(self.before[rows])
         travel = dt * float(np.abs(speeds).max()) * world.reach + _REACH
-        near = len(world.things) > 0 or bool(states["clearance"][i] < travel)
+        near = len(world.things) > 0 or bool((states["clearance"][rows] < travel).any())
         angles = world.wheels()
         touched = world.step(speeds, near, movers)
-        self.slips[i] = speeds.mean(axis=0) - (world.wheels() - angles) / dt
-        world.read(states[i])
-        states["contact"][i] |= touched
+        self.slips[rows] = speeds.mean(axis=1) - (world.wheels() - angles) / dt
+        world.read(states, rows)
+        states["contact"][rows[touched & ~skip[rows]]] = 1
         if len(world.things):
-            world.read_things(obstacles[i])
+            world.read_things(obstacles, rows)
 
     def frame(self, i: int = 0, size: tuple[int, int] = (640, 480)) -> NDArray[np.uint8]:
-        """Returns MuJoCo's own picture (h, w, 3) of the world of robot i, once that has moved.
+        """Returns MuJoCo's own picture (h, w, 3) of what is around robot i, once its world has moved.
 
         Raises:
-            ValueError: if it has not.
+            ValueError: if it has not, or the robot has left it.
             RuntimeError: without OpenGL.
         """
-        world = self.worlds[i]
-        if world is None:
-            raise ValueError(f"robot {i} has not moved since its reset: MuJoCo's picture needs a step")
-        return picture(world.model, world.data, size, world.pose, 4.0)
+        w = i // self.task.team
+        world = self.worlds[w]
+        if world is None or i not in self.rows[w]:
+            raise ValueError(f"robot {i} has not moved since its reset, or has left: MuJoCo's picture needs a step")
+        return picture(world.model, world.data, size, world.poses[self.rows[w].index(i)], 4.0)
 
 
 def picture(

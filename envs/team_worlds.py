@@ -60,12 +60,12 @@ from wayfield.envs.scenarios.bank import field_scenarios
 from wayfield.envs.scenarios.recordings import is_recording, recorded
 from wayfield.envs.scenarios.scenario import GoalScenario
 from wayfield.envs.scenarios.team_scenario import TeamScenario, check_team
-from wayfield.envs.tasks.arguments import ScanArguments, argument
+from wayfield.envs.tasks.arguments import WHEELS_OF_MUJOCO, ScanArguments, argument
 from wayfield.envs.tasks.constraints import Constraint, at_least
 from wayfield.envs.tasks.observation import Field, Layout
 from wayfield.envs.tasks.specs import CROWDS, TASKS, TaskSpec
 from wayfield.envs.tasks.stepping import Outputs, Reset, Robots, Step, Turn, drawn_scenario, numbered, step_worlds
-from wayfield.envs.tasks.task import Options
+from wayfield.envs.tasks.task import LARGEST_TEAMS, PLANTS, Options
 from wayfield.envs.world.grids import Grids, clearance_around
 from wayfield.system.checks import LONGEST, choose, positive, shown, suggestion, truth, whole
 from wayfield.system.compiled import allocating, compiled, flattened, inlined
@@ -108,6 +108,7 @@ PARAMS = [
     ("parks", np.int64),  # 1: robots stay where they arrive
     ("respawns", np.int64),
     ("cells_from", np.int64),
+    ("forces", np.int64),  # 1: the plant keeps bodies apart; 0: who touches another stands where it was
 ]
 
 CAUSES_FROM = 0.05  # m/s towards another body, above which a robot has caused a contact
@@ -267,8 +268,10 @@ def exchange(p, robots, crowd, world, skip, w):
         i = w * n + r
         s = robots.states[i]
         if not skip[i] and s.touched > 1:
-            # both stand at the start of the period
             s.contact = 1
+            if p.forces:
+                continue
+            # both stand at the start of the period
             s.x = s.before_x
             s.y = s.before_y
             s.heading = s.before_heading
@@ -544,7 +547,7 @@ def step_rows(phases: int, turn: Turn, step: Step, bank: TeamBank, company: Comp
     sorted_in = cells_for(bodies.places.shape[2], step.obstacles)
     crowd = Crowd(bodies, people, sorted_in, scratch_for(bank.fields.shape[1]), np.zeros(5))
     return step_worlds(
-        begin_step, exchange, judge, conclude, turn, robots, crowd, step.actions, step.skip, world, outputs
+        begin_step, exchange, judge, conclude, phases, turn, robots, crowd, step.actions, step.skip, world, outputs
     )
 
 
@@ -592,11 +595,18 @@ class TeamArguments(ScanArguments):
     parks: bool = argument(False, "whether who has arrived stays")
     sight: float = argument(5.0, "m, within which bodies are observed")
     visible: bool | None = argument(None, "whether people see robots; None: as the scenario says")
+    dynamics: str = argument(  # type: ignore[misc]
+        "kinematic", '"mujoco": in MuJoCo, up to 8 robots; people have no body there'
+    )
+    wheels: str | None = WHEELS_OF_MUJOCO  # type: ignore[misc]
     people: str | None = argument(
         None, "the law of all who walk, of `wayfield.envs.crowds.people.LAWS`; None: as the scenario says"
     )
 
     def __post_init__(self) -> None:
+        if self.dynamics in PLANTS and self.dynamics not in LARGEST_TEAMS:
+            few = " or ".join(map(repr, LARGEST_TEAMS))
+            raise ValueError(f"dynamics is {self.dynamics!r}, which drives one robot; for teams and people it is {few}")
         choose("ends", self.ends, ENDS)
         choose("sees", self.sees, SEES)
         truth("parks", self.parks)
@@ -629,8 +639,14 @@ class Teams(GoalReaching):
             "parks": arguments.parks,
             "respawns": arguments.ends == "respawn",
             "cells_from": CELLS_FROM,
+            "forces": options.dynamics != "kinematic",
         }
         super().__init__(arguments, options)
+        if self.team > (most := LARGEST_TEAMS[options.dynamics]):
+            raise ValueError(
+                f'the world has {self.team} robots; dynamics="{options.dynamics}" drives at most {most:g}: give a team '
+                "of so many, or another scenario"
+            )
         if self.ends == "respawn":
             self.draws = goal_reaching.DRAWS + DRAWS_EACH * CANDIDATES
             if self.params["moving"][0]:
@@ -707,6 +723,10 @@ class Teams(GoalReaching):
         """Returns how many robots a world has."""
         return int(self.scenarios[0].team)
 
+    def present(self, states: NDArray[np.void]) -> NDArray[np.bool_]:
+        """Returns which robots (b,) have not left their worlds: as `begin_step` says."""
+        return np.asarray((states["alive"] != 0) | (states["contact"] != 0) | self.parks)
+
     @functools.cached_property
     def most_people(self) -> int:
         """Returns how many people a world has, at most."""
@@ -736,7 +756,7 @@ class Teams(GoalReaching):
         return tuple(robot for each in self.scenarios for robot in each.robots)
 
     def courses_of(self) -> tuple[GoalScenario, ...]:
-        """Returns the goals of each robot of each scenario."""
+        """Returns the goals of each robot of each scenario, in the order of states["scenario"]."""
         return self._courses
 
     def observed(self, num_beams: int, max_range: float) -> Layout[Any]:

@@ -310,11 +310,11 @@ class OmniTeam(TeamEnv):
     ## Episode end
 
     A robot's episode is terminated when it has reached its goal, or touched something: two bodies touch when the chords
-    that they drive in a control period come nearer than their hulls; both stand where they were. `ends="leave"`: who
-    has arrived leaves the world, or stays as a disc with `parks=True`; who has collided stays. They wait, with reward
-    0, until all have ended, and `info["alive"]` says who took part. `ends="respawn"`, for training with native vectors:
-    who has ended begins anew at once, at the first of 16 drawn starts that is clear by 0.3 m. Truncated after 2400
-    steps (120 s) in teams, 1200 (60 s) among people.
+    that they drive in a control period come nearer than their hulls; both stand where they were, or, in MuJoCo, brake.
+    `ends="leave"`: who has arrived leaves the world, or stays as a disc with `parks=True`; who has collided stays. They
+    wait, with reward 0, until all have ended, and `info["alive"]` says who took part. `ends="respawn"`, for training
+    with native vectors: who has ended begins anew at once, at the first of 16 drawn starts that is clear by 0.3 m.
+    Truncated after 2400 steps (120 s) in teams, 1200 (60 s) among people.
 
     ## Info
 

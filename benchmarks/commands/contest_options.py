@@ -40,7 +40,7 @@ from wayfield.benchmarks.runs.suite import WORST, Setting
 from wayfield.envs.robots import ROBOTS, Robot
 from wayfield.envs.robots.disturbances import LEVELS
 from wayfield.envs.scenarios import splits
-from wayfield.envs.tasks.task import IN_PROCESS, PLANTS, plant_class
+from wayfield.envs.tasks.task import IN_PROCESS, LARGEST_TEAMS, PLANTS, plant_class
 from wayfield.policies.parts.policy import check_robot
 from wayfield.policies.pilot import Pilot
 from wayfield.policies.registry import POLICIES, RENAMED
@@ -242,8 +242,8 @@ class Options:
         for name, suite in (("cross", "teams"), ("people", "people")):
             if getattr(self, name) and self.wanted != suite:
                 raise WrongOption(f"{name} belongs to --suite {suite}")
-        if self.wanted in CROWD_SUITES and self.dynamics not in (None, "kinematic"):
-            raise WrongOption(f"dynamics {self.dynamics} is for one robot; {_CROWDED} are kinematic")
+        if self.wanted in CROWD_SUITES and self.dynamics not in (None, *LARGEST_TEAMS):
+            raise WrongOption(f"dynamics {self.dynamics} is for one robot; {_CROWDED} take {', '.join(LARGEST_TEAMS)}")
         if self.wanted == "crowdnav" and (self.families or self.split):
             raise WrongOption(f"{'families' if self.families else 'split'} belongs to suites of frozen scenarios")
 
@@ -357,6 +357,9 @@ class Options:
             if not where:
                 raise WrongOption(f"families {family!r} has no scenarios for suite {self.suite!r}")
             if not any(family in contest.families(plant, (family,)) for contest in where for plant in self.plants):
+                team, most = where[0].spec.families[family].team, LARGEST_TEAMS.get(self.plants[0], 1)
+                if team > most:
+                    raise WrongOption(f"families {family!r} has {team} robots; {self.plants[0]} drives at most {most}")
                 raise WrongOption(f"families {family!r} has obstacles that are pushed: use --dynamics pymunk or mujoco")
 
     def _check_hull(self, contests: list[Contest]) -> None:

@@ -26,7 +26,7 @@ from wayfield.envs.robots import ROBOTS, AnyRobot, Robot, robot_of, shipped_name
 from wayfield.envs.scenarios import TaskSpec
 from wayfield.envs.scenarios.splits import members
 from wayfield.envs.tasks.specs import Cost
-from wayfield.envs.tasks.task import CONTROL_PERIOD
+from wayfield.envs.tasks.task import CONTROL_PERIOD, LARGEST_TEAMS
 from wayfield.policies.learned.agent import CARD, drives, read_card
 from wayfield.policies.parts.policy import NEEDS, lacks
 from wayfield.policies.parts.tuned import PACE, tuned_set
@@ -263,7 +263,12 @@ class Contest:
     def families(self, dynamics: str, wanted: Collection[str] | None = None) -> tuple[str, ...]:
         """Returns those of the wanted families that a plant can show, by default of the newest version of "all"."""
         every = members(self.spec.name) if wanted is None else (each for each in self.spec.families if each in wanted)
-        return tuple(each for each in every if dynamics != "kinematic" or not self.spec.families[each].needs_forces)
+        known, most = self.spec.families, LARGEST_TEAMS.get(dynamics, 1)
+        return tuple(
+            each
+            for each in every
+            if (dynamics != "kinematic" or not known[each].needs_forces) and known[each].team <= most
+        )
 
     def course(self, family: str, split: str, robot: AnyRobot) -> Course:
         """Returns a family of a frozen split for a robot: of its hull class, where its hull asks for one."""

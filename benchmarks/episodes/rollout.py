@@ -14,9 +14,7 @@ from wayfield import policies
 from wayfield.benchmarks.episodes.shortest import shortest_way
 from wayfield.benchmarks.records.cases import Case, Rules
 from wayfield.benchmarks.records.trajectory import Trajectory
-from wayfield.envs.scenarios import spec_of
 from wayfield.envs.tasks.briefing import Briefing, Course
-from wayfield.envs.tasks.specs import CROWDS
 from wayfield.envs.vector import NativeVectorEnv
 from wayfield.policies.parts.policy import Policy
 from wayfield.policies.paths.lookahead import Lookahead
@@ -41,8 +39,7 @@ def make_policy(case: Case, seed: int) -> Policy:
 
 
 def make_vector(case: Case, dynamics: str, actuators: str, num_envs: int) -> NativeVectorEnv:
-    """Returns the case's environment, with a robot for each episode; a team has only the kinematic plant."""
-    plant: dict[str, Any] = {} if spec_of(case.env_id) in CROWDS.values() else {"dynamics": dynamics}
+    """Returns the case's environment, with a robot for each episode."""
     env = gymnasium.make_vec(
         case.env_id,
         num_envs,
@@ -50,7 +47,7 @@ def make_vector(case: Case, dynamics: str, actuators: str, num_envs: int) -> Nat
         scenario=case.scenario,
         actuators=actuators,
         max_episode_steps=case.max_episode_steps,
-        **plant,
+        dynamics=dynamics,
         **case.env_kwargs,
     )
     assert isinstance(env, NativeVectorEnv)

@@ -150,6 +150,11 @@ def _yawed(angle: float) -> tuple[float, float, float, float]:
     return math.cos(0.5 * angle), 0.0, 0.0, math.sin(0.5 * angle)
 
 
+def prefixes(team: int) -> list[str]:
+    """Returns what the names of each robot's parts begin with; the first one's have no prefix."""
+    return [f"robot{r}_" if r else "" for r in range(team)]
+
+
 def _wheel(body: Element, base: _Base, wheel: Wheel, name: str) -> None:
     """Adds a wheel: it turns about its axle, and a positive speed drives along its direction."""
     radius, half = wheel.radius, 0.5 * WIDTH * wheel.radius
@@ -186,35 +191,35 @@ def _rollers(hub: Element, base: _Base, wheel: Wheel, name: str) -> None:
         _add(roller, "geom", name=f"{name}_{k}", type="ellipsoid", size=barrel, mass=mass, rgba=_ROLLER, **_GHOST)
 
 
-def _robot(world: Element, base: _Base) -> None:
-    """Adds the free body of the robot."""
+def _robot(world: Element, base: _Base, prefix: str) -> None:
+    """Adds the free body of a robot."""
     robot = base.robot
     high = max(_HEIGHT, 2.0 * max(wheel.radius for wheel in base.built))
     middle, half = 0.5 * (_GROUND + high), 0.5 * (high - _GROUND)
-    body = _add(world, "body", name="base")
-    _add(body, "freejoint", name="base")
+    body = _add(world, "body", name=f"{prefix}base")
+    _add(body, "freejoint", name=f"{prefix}base")
     inertia = 0.6 * base.inertia, 0.6 * base.inertia, base.inertia
     _add(body, "inertial", pos=(*base.centre, base.height), mass=base.mass, diaginertia=inertia)
     shape: dict[str, Any] = {"type": "cylinder", "size": (robot.hull_radius, half)}
     if robot.hull_box:
         shape = {"type": "box", "size": (0.5 * robot.hull_box[0], 0.5 * robot.hull_box[1], half)}
     blue = "0.30 0.55 0.80 0.35"
-    _add(body, "geom", name="hull", pos=(0.0, 0.0, middle), mass=0.0, rgba=blue, **shape, **_SOLID)
+    _add(body, "geom", name=f"{prefix}hull", pos=(0.0, 0.0, middle), mass=0.0, rgba=blue, **shape, **_SOLID)
     if base.caster:
         small = 0.5 * base.height
         level = 0.0 if robot.driven_load == 1.0 else _PAD
         for part, at, z in (("caster", -base.behind, small), ("pad", base.behind, small + level)):
-            _add(body, "geom", name=part, type="sphere", size=small, pos=(at, 0.0, z), mass=0.0, rgba=_GREY, **_GHOST)
+            place = (at, 0.0, z)
+            _add(body, "geom", name=prefix + part, type="sphere", size=small, pos=place, mass=0.0, rgba=_GREY, **_GHOST)
     for i, wheel in enumerate(base.built):
-        _wheel(body, base, wheel, f"wheel{i}")
+        _wheel(body, base, wheel, f"{prefix}wheel{i}")
 
 
-def _motors_and_floor(root: Element, base: _Base) -> None:
-    """Adds the contacts with the floor, and the motors."""
-    contact, motors = _add(root, "contact"), _add(root, "actuator")
+def _motors_and_floor(contact: Element, motors: Element, base: _Base, prefix: str) -> None:
+    """Adds the contacts of a robot with the floor, and its motors."""
     grip = _ALONG_AXLE if base.wheels == "anisotropic" else base.friction, base.friction, 0.0, 0.0, 0.0
     for i, wheel in enumerate(base.built):
-        one = f"wheel{i}"
+        one = f"{prefix}wheel{i}"
         for part in [f"{one}_{k}" for k in range(ROLLERS)] if base.wheels == "rollers" else [one]:
             _add(contact, "pair", geom1="floor", geom2=part, condim=3, friction=grip, **base.contact)
         servo = 2.0 * base.carried(wheel) / _SERVO
@@ -222,7 +227,7 @@ def _motors_and_floor(root: Element, base: _Base) -> None:
         limits: dict[str, Any] = {"forcelimited": "true", "forcerange": (-most, most)}
         _add(motors, "velocity", name=one, joint=one, kv=servo, **limits)
     for part in ("caster", "pad") if base.caster else ():
-        _add(contact, "pair", geom1="floor", geom2=part, condim=1, **base.contact)
+        _add(contact, "pair", geom1="floor", geom2=prefix + part, condim=1, **base.contact)
 
 
 def _footprint(obstacle: Any) -> list[tuple[str, float, float, float, float]]:
@@ -286,17 +291,19 @@ def mjcf(
     obstacles: NDArray[np.void] | None = None,
     grid: Any = None,
     floor_friction: float = 0.4,
+    team: int = 1,
 ) -> str:
-    """Returns the MJCF of a robot on a floor among obstacles.
+    """Returns the MJCF of a robot, or a team of the same robots, on a floor among obstacles.
 
     Its free body is "base", its wheels are "wheel0", "wheel1", ... in the order of `Robot.built`, and so are its
-    motors, whose control is a wheel speed, rad/s.
+    motors, whose control is a wheel speed, rad/s. Further robots are "robot1_base", "robot1_wheel0", ...
 
     Args:
         wheels: one of WHEELS of its drive; None: the first.
         obstacles: (m,) OBSTACLE records.
         grid: a `grids.OccupancyGrid`, whose occupied cells are boxes.
         floor_friction: of what is pushed.
+        team: robots.
 
     Raises:
         ValueError: in one line, if the robot cannot be built.
@@ -324,11 +331,14 @@ def mjcf(
         conaffinity=0,
         friction="0 0 0",
     )
-    _robot(world, base)
+    for prefix in prefixes(team):
+        _robot(world, base, prefix)
     if obstacles is not None:
         _things(world, obstacles, floor_friction)
     if grid is not None:
         _walls(world, grid)
-    _motors_and_floor(root, base)
+    contact, motors = _add(root, "contact"), _add(root, "actuator")
+    for prefix in prefixes(team):
+        _motors_and_floor(contact, motors, base, prefix)
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode") + "\n"

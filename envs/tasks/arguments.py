@@ -19,6 +19,11 @@ def argument(default: Any, meaning: str = "", shown: str | None = None) -> Any:
     return dataclasses.field(default=default, metadata={"meaning": meaning, "shown": shown})
 
 
+WHEELS_OF_MUJOCO: Any = argument(
+    None, 'of MuJoCo\'s model: "cylinders" or "points"; of omni bases "anisotropic" or "rollers"'
+)
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Arguments:
     """What every environment takes."""
@@ -73,9 +78,7 @@ class PlantArguments(Arguments):
     address: str | None = argument(  # type: ignore[misc]
         None, "host:port of the CoppeliaSim; None: $WAYFIELD_COPPELIA, or localhost:23000"
     )
-    wheels: str | None = argument(  # type: ignore[misc]
-        None, 'of MuJoCo\'s model: "cylinders" or "points"; of omni bases "anisotropic" or "rollers"'
-    )
+    wheels: str | None = WHEELS_OF_MUJOCO  # type: ignore[misc]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -228,8 +228,8 @@ def next_worlds(shares, thread, last, worlds, per):
 
 
 @inlined
-def step_worlds(begin_step, exchange, judge, conclude, turn, robots, crowd, actions, skip, world, outputs):
-    """Runs a step of all worlds, four phases each: COMMAND, DRIVE, EXCHANGE of what a world sees of itself, JUDGE.
+def step_worlds(begin_step, exchange, judge, conclude, phases, turn, robots, crowd, actions, skip, world, outputs):
+    """Runs the given phases of a step of all worlds: COMMAND, DRIVE, and JUDGE, before which bodies are exchanged.
 
     In COMMAND, DRIVE and JUDGE a robot reads the snapshot of its world and its own record, and writes its own alone.
 
@@ -251,7 +251,7 @@ def step_worlds(begin_step, exchange, judge, conclude, turn, robots, crowd, acti
     if shares.shape[0] > 0:
         if thread == 0:
             add(shares, BEGUN, 1)
-    else:
+    elif phases & COMMAND:
         bad = first_not_finite(actions, skip)
         if bad >= 0:
             return bad
@@ -268,12 +268,15 @@ def step_worlds(begin_step, exchange, judge, conclude, turn, robots, crowd, acti
                 going = going or not skip[i]
             if not going:
                 continue
-            begin_step(p, robots, crowd, world, w)
-            for i in range(w * n, (w + 1) * n):
-                if skip[i]:
-                    continue
-                s = states[i]
-                move(COMMAND | DRIVE, p, s, robots, actions, i, s.noise_row if noise.shape[1] > 1 else 0)
+            if phases & COMMAND:
+                begin_step(p, robots, crowd, world, w)
+                for i in range(w * n, (w + 1) * n):
+                    if skip[i]:
+                        continue
+                    s = states[i]
+                    move(phases, p, s, robots, actions, i, s.noise_row if noise.shape[1] > 1 else 0)
+            if not phases & JUDGE:
+                continue
             exchange(p, robots, crowd, world, skip, w)
             for i in range(w * n, (w + 1) * n):
                 if skip[i]:
@@ -282,6 +285,7 @@ def step_worlds(begin_step, exchange, judge, conclude, turn, robots, crowd, acti
                 s.steps += 1
                 judge(p, s, world, robots, crowd, i, s.noise_row if noise.shape[1] > 1 else 0, outputs)
                 s.noise_row += 1
-        conclude(p, world, robots, skip, first * n, last * n, outputs)
+        if phases & JUDGE:
+            conclude(p, world, robots, skip, first * n, last * n, outputs)
         first, last = next_worlds(shares, thread, last, worlds, per)
     return -1

@@ -144,6 +144,8 @@ PLANTS: Mapping[str, Plant] = {
     "coppelia": Plant("wayfield.bridges.coppelia.plant", "CoppeliaPlant", "coppelia"),
 }
 IN_PROCESS = ("kinematic", "pymunk", "mujoco")  # plants that need no other program
+# robots of a world, at most, of the plants that drive teams, and robots among people
+LARGEST_TEAMS: Mapping[str, float] = {"kinematic": math.inf, "mujoco": 8}
 _CHOICES: Mapping[str, Collection[str]] = {
     "dynamics": ("kinematic", *PLANTS),
     "actuators": ACTUATORS,
@@ -225,6 +227,14 @@ class Task(abc.ABC):
     def team(self) -> int:
         """Returns how many robots a world has."""
         return 1
+
+    def present(self, states: NDArray[np.void]) -> NDArray[np.bool_]:
+        """Returns which robots (b,) have not left their worlds."""
+        return np.ones(len(states), np.bool_)
+
+    def courses_of(self) -> tuple[Any, ...]:
+        """Returns the scenario of each robot, in the order of states["scenario"]."""
+        return self.scenarios
 
     @property
     def num_beams(self) -> int:

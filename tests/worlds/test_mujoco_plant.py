@@ -14,8 +14,11 @@ import pytest
 from numpy.typing import NDArray
 
 import wayfield  # noqa: F401  registers the environments
+from wayfield.envs.crowds.bodies import PERSON, ROBOT
 from wayfield.envs.robots import ROBOTS, Robot
 from wayfield.envs.robots.mjcf import GRAVITY, ROLLERS, WHEELS, WIDTH, mjcf
+from wayfield.envs.scenarios.people_families import walks_of
+from wayfield.envs.scenarios.team_scenario import TeamScenario
 
 mujoco = pytest.importorskip("mujoco", reason="needs [mujoco]")
 
@@ -107,6 +110,36 @@ def test_a_skid_steer_turns_as_if_its_track_were_wider() -> None:
     ahead, aside = abs(robot.built[0].x), abs(robot.built[0].y)
     effective = 2.0 * abs(robot.wheels[0].y) / rate
     assert effective == pytest.approx(2.0 * aside * (1.0 + (ahead / aside) ** 2), rel=0.1)
+
+
+@pytest.mark.parametrize(("speed", "turn"), [(0.2, 0.3), (1.0, 0.8), (1.0, 1.6)])
+def test_a_skid_steer_drifts_out_of_a_bend_and_turns_further(speed: float, turn: float) -> None:
+    """All wheels slide, and what holds the base in the bend is taken from the friction that resists its turn.
+
+    Coulomb friction of two contacts a wheel, at its edges, gives the forces and the moment of a steady bend.
+    """
+    from scipy.optimize import least_squares
+
+    robot = ROBOTS["jackal"]
+    edge = 0.5 * WIDTH * robot.wheels[0].radius
+    x, y = np.array([(wheel.x, wheel.y + side) for wheel in robot.built for side in (-edge, edge)]).T
+    rim = speed - np.sign(y) * abs(robot.wheels[0].y) * turn
+
+    def balance(twist: NDArray[np.float64]) -> NDArray[np.float64]:
+        vx, vy, rate = twist
+        slips = np.array([vx - rate * y - rim, vy + rate * x])
+        fx, fy = -robot.friction * GRAVITY / len(x) * slips / np.hypot(np.hypot(*slips), 1e-4)
+        return np.array([fx.sum() + vy * rate, fy.sum() - vx * rate, (x * fy - y * fx).sum()])
+
+    _, sideways, rate = least_squares(balance, [speed, 0.0, turn]).x
+    env = env_of("jackal", actuators="ideal")
+    found = []
+    for _ in range(60):
+        env.step(np.array([speed, turn]))
+        found.append([env.batch.states[0][name] for name in ("vy", "yaw_rate")])
+    drift, turned = np.mean(found[20:], axis=0)
+    assert turned == pytest.approx(rate, rel=0.08)
+    assert drift == pytest.approx(sideways, abs=0.03)
 
 
 @pytest.mark.parametrize("name", ["omni3", "mecanum4"])
@@ -258,6 +291,165 @@ def test_a_row_equals_a_lone_robot_and_its_copies(options: dict[str, Any]) -> No
             assert not terminated
         if step == 20:
             alone = [copy.deepcopy(alone[0]), pickle.loads(pickle.dumps(alone[1]))]
+
+
+TEAM, ALONE = "wayfield/DiffDriveTeam-v0", "wayfield/DiffDriveGoalObstacles-v0"
+HULL = ROBOTS["p3dx"].hull_radius
+
+
+def team_of(starts: Any, goals: Any, **options: Any) -> Any:
+    """Returns the environment of a team from poses to poses, which was reset."""
+    scenario = TeamScenario.made("here", starts, goals)
+    env = gymnasium.make(TEAM, scenario=scenario, dynamics="mujoco", **options).unwrapped
+    env.reset(seed=0)
+    return env
+
+
+def pushing(wheels: str) -> Any:
+    """Returns model and data of two robots that face each other, 0.1 m apart, and stand."""
+    from wayfield.envs.mujoco_plant import World
+    from wayfield.envs.world.geometry import OBSTACLE
+
+    apart = HULL + 0.05
+    poses = np.array([[-apart, 0.0, 0.0], [apart, 0.0, math.pi]])
+    return World(ROBOTS["p3dx"], wheels, poses, np.zeros(0, OBSTACLE), None)
+
+
+def test_robots_that_push_head_on_hold_each_other_as_far_as_their_wheels_grip() -> None:
+    """They push at the lower edges of their hulls, which tips them onto their casters, and so takes load off wheels."""
+    robot, world = ROBOTS["p3dx"], pushing("cylinders")
+    ahead, data, force = np.full((2, 1, 2), 2.0), world.data, np.zeros(6)
+    assert not world.step(np.repeat(ahead, 200, axis=1), True, None).any()  # a robot is nothing that stands
+    pushes, gaps = np.zeros(500), np.zeros(500)
+    for step in range(500):
+        world.step(ahead, True, None)
+        gaps[step] = world.own[1, 0] - world.own[0, 0] - 2.0 * HULL
+        for k in np.flatnonzero(np.isin(data.contact.geom, world.hulls).all(axis=1)).tolist():
+            mujoco.mj_contactForce(world.model, data, k, force)
+            pushes[step] += force[0]
+    assert np.abs(gaps).max() < 1e-3
+    hull = world.model.geom(world.hulls[0])
+    lever = (hull.pos[2] - hull.size[1]) / (0.7 * HULL)  # of the push, over the caster's
+    grip = robot.friction * robot.driven_load * robot.mass * GRAVITY
+    assert pushes.mean() == pytest.approx(grip / (1.0 + robot.friction * lever), rel=0.03)
+
+
+def test_robots_that_meet_share_their_momentum() -> None:
+    """Floor and wheels exchange what they like: m v of robots and I w / r of wheels, which roll, are conserved."""
+    robot, world = ROBOTS["p3dx"], pushing("points")
+    model = mujoco.MjModel.from_xml_string(mjcf(robot, "points", team=2))
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ACTUATION
+    data = mujoco.MjData(model)
+    data.qpos[:], data.qacc_warmstart[:] = world.data.qpos, world.data.qacc_warmstart
+    full, half, radius = np.zeros((model.nv, model.nv)), model.nv // 2, robot.wheels[0].radius
+    mujoco.mj_forward(model, data)
+    mujoco.mj_fullM(model, data, full)
+
+    def momentum() -> float:
+        wheels = full[6, 6] / radius * (data.qvel[6:half].sum() - data.qvel[half + 6 :].sum())
+        return float(robot.mass * (data.qvel[0] + data.qvel[half]) + wheels)
+
+    data.qvel[0], data.qvel[6:half] = 0.5, 0.5 / radius
+    before = momentum()
+    mujoco.mj_step(model, data, 500)
+    assert data.qvel[half] > 0.2  # it was hit
+    assert momentum() == pytest.approx(before, rel=0.02)
+
+
+def test_a_team_of_one_is_goal_reaching_and_robots_apart_drive_as_alone() -> None:
+    options = {"dynamics": "mujoco", "actuators": "lagged", "disturbance": "moderate"}
+    one, alone = gymnasium.make(TEAM, scenario="discs", **options), gymnasium.make(ALONE, scenario="discs", **options)
+    one.reset(seed=3)
+    alone.reset(seed=3)
+    for twist in wandering(ROBOTS["p3dx"], 60, 0):
+        assert one.step(twist)[0].tobytes() == alone.step(twist)[0].tobytes()
+    starts = [(0.0, 0.0, 0.5), (0.0, 30.0, -1.0)]
+    two = team_of(starts, [(90.0, 0.0, 0.0), (90.0, 30.0, 0.0)], actuators="lagged")
+    each = [team_of([start], [(90.0, 0.0, 0.0)], actuators="lagged") for start in starts]
+    ways = [wandering(ROBOTS["p3dx"], 60, seed) for seed in range(2)]
+    for twists in zip(*ways, strict=True):
+        two.step(np.array(twists))
+        for env, twist in zip(each, twists, strict=True):
+            env.step(twist)
+    for k, env in enumerate(each):
+        there = [two.batch.states[name][k] for name in ("x", "y", "heading")]
+        np.testing.assert_allclose(there, pose(env), atol=1e-4)
+
+
+def test_robots_that_meet_end_in_contact_and_brake_where_they_are() -> None:
+    starts = [(0.0, 0.0, 0.0), (1.2, 0.0, math.pi), (0.0, 5.0, 0.0)]
+    env = team_of(starts, [(9.0, 0.0, 0.0), (-9.0, 0.0, 0.0), (9.0, 5.0, 0.0)])
+    for _ in range(40):
+        *_, info = env.step(np.full((3, 2), (0.5, 0.0)))
+        if info["collision"].any():
+            break
+    assert info["touched"].tolist() == [1 + ROBOT, 1 + ROBOT, 0]
+    assert info["caused"].tolist() == [True, True, False]
+    states = env.batch.states
+    met = states["x"][:2].copy()
+    assert met[1] - met[0] == pytest.approx(2.0 * HULL, abs=1e-2)  # contacts are soft, and they met at 1 m/s
+    for _ in range(20):
+        env.step(np.full((3, 2), (0.5, 0.0)))
+    np.testing.assert_allclose(states["x"][:2], met, atol=5e-3)
+    assert states["x"][2] > 0.8
+
+
+def test_who_leaves_is_gone_and_the_others_go_on_as_if_alone() -> None:
+    starts = [(2.0, 0.0, 0.0), (0.0, 0.0, 0.0)]
+    two = team_of(starts, [(2.3, 0.0, 0.0), (9.0, 0.0, 0.0)], actuators="lagged")
+    one = team_of(starts[1:], [(9.0, 0.0, 0.0)], actuators="lagged")
+    for _ in range(120):
+        *_, ended, _, _ = two.step(np.full((2, 2), (0.5, 0.0)))
+        one.step(np.array([0.5, 0.0]))
+    assert not ended
+    assert two.batch.plant.rows == [[1]]
+    assert two.batch.states["x"][1] > 2.5
+    np.testing.assert_allclose(two.batch.states["x"][1], pose(one)[0], atol=1e-4)
+
+
+def test_people_end_the_episode_of_whom_they_touch() -> None:
+    scenario = TeamScenario.made(
+        "person", [(0.0, 0.0, 0.0)], [(9.0, 0.0, 0.0)], walks=walks_of([{"x": 1.5, "y": 0.0, "law": 0}])
+    )
+    env = gymnasium.make("wayfield/DiffDrivePeople-v0", scenario=scenario, dynamics="mujoco").unwrapped
+    env.reset(seed=0)
+    for _ in range(80):
+        *_, ended, _, info = env.step(np.array([0.5, 0.0]))
+        if ended:
+            break
+    assert info["touched"] == 1 + PERSON
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"scenario": "circle_16"}, 'the world has 16 robots; dynamics="mujoco" drives at most 8'),
+        ({"dynamics": "pymunk"}, "dynamics is 'pymunk', which drives one robot; for teams and people it is 'kin"),
+    ],
+)
+def test_teams_that_cannot_be_driven_are_refused_in_a_line(options: dict[str, Any], said: str) -> None:
+    with pytest.raises(ValueError, match=said) as error:
+        gymnasium.make(TEAM, **{"scenario": "circle_8", "dynamics": "mujoco", **options})
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("ends", ["leave", "respawn"])
+def test_a_world_of_a_batch_goes_on_alike_copied_or_not(ends: str) -> None:
+    options = {"scenario": "circle_4", "dynamics": "mujoco", "ends": ends, "noise": 1.0, "max_episode_steps": 30}
+    envs = [gymnasium.make_vec(TEAM, 8, vectorization_mode="vector_entry_point", **options) for _ in range(2)]
+    envs.append(gymnasium.make_vec(TEAM, 4, vectorization_mode="vector_entry_point", **options))
+    for env in envs:
+        env.reset(seed=3)
+    dice = np.random.default_rng(0)
+    for step in range(70):
+        actions = dice.uniform(-1.0, 1.0, envs[0].action_space.shape) * envs[0].single_action_space.high
+        rows, again, fewer = (env.step(actions[: env.num_envs].astype(np.float32))[0] for env in envs)
+        assert rows.tobytes() == again.tobytes()
+        assert rows[:4].tobytes() == fewer.tobytes()
+        if step in (20, 40):
+            envs[1] = copy.deepcopy(envs[1]) if step == 20 else pickle.loads(pickle.dumps(envs[1]))
+    states = envs[0].batch.states
+    assert np.isfinite(states["x"]).all()
 
 
 @pytest.mark.parametrize(
