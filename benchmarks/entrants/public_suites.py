@@ -97,11 +97,14 @@ def mrpb_courses(folder: str, robot: Robot) -> tuple[Course, ...]:
         ValueError: if there are none, or none can be driven; one line that names the first.
         OSError: if a file cannot be opened.
     """
-    places = [place for place in (Path(folder), *sorted(Path(folder).iterdir())) if is_mrpb(place)]
-    if not places:
+    every = (Path(folder), *sorted(Path(folder).iterdir()))
+    places = [place for place in every if (place / CASES).is_file() or (place / CONFIG).is_file()]
+    if not any(map(is_mrpb, places)):
         raise ValueError(f"{folder}: holds no maps of MRPB: no folder with {MAP} and {CASES} or {CONFIG}")
 
     def course(place: Path) -> Course:
+        if not is_mrpb(place):
+            raise ValueError(f"{place}: has no {MAP}; worlds in which others move are not read")
         bank = scenarios_of(TASKS["goal_reaching"], str(place), robot.hull_radius)
         lengths, problems = {}, []
         for k, each in enumerate(bank):

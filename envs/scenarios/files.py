@@ -6,6 +6,7 @@ import json
 import math
 import os
 import pathlib
+import re
 import warnings
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -175,7 +176,10 @@ def of_no_scenario(file: str, wanted: str, kind: str = _GOAL) -> ValueError:
     name, suffix = os.path.basename(file), os.path.splitext(file)[1]
     if suffix.lower() not in MAP_SUFFIXES:
         return fault(file, f"suffix {suffix!r} is not known; {wanted}")
-    bare = suffix.lower() not in (".yaml", ".yml", ".map")
+    listed = suffix.lower() in (".yaml", ".yml")
+    if listed and not re.search(r"^image\s*:", read_text(file), re.MULTILINE):
+        return fault(file, f"is no map, for it has no image; {wanted}")
+    bare = not listed and suffix.lower() != ".map"
     example = json.dumps(
         {"start": [1, 2, 0], kind: [9, 4, 0], "map": {"file": name, "resolution": 0.05} if bare else name}
     )

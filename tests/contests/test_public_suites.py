@@ -389,12 +389,13 @@ def test_a_map_of_mrpb_that_cannot_be_driven_is_left_out_and_counted(tmp_path: P
         ros_map(tmp_path / name)
     (tmp_path / "office" / "cases.csv").write_text(CASES_HEADER + "-2.95,0,0,2,1,0\n", encoding="utf-8")  # in the wall
     (tmp_path / "room" / "map.pgm").unlink()
-    with pytest.warns(UserWarning, match="it is left out, 1 of 3 maps are driven") as told:
+    (tmp_path / "six_people").mkdir()
+    (tmp_path / "six_people" / "config.txt").write_text(CONFIG_TEXT, encoding="utf-8")
+    with pytest.warns(UserWarning, match="it is left out, 1 of 4 maps are driven") as told:
         (course,) = mrpb_courses(str(tmp_path), ROBOTS["p3dx"])
     assert course.family == "maze"
-    assert [name in str(each.message) for name, each in zip(("office 1", "room/map.yaml"), told, strict=True)] == [
-        True
-    ] * 2
+    named = zip(("office 1", "room/map.yaml", "six_people: has no map.yaml"), told, strict=True)
+    assert all(name in str(each.message) for name, each in named)
     (tmp_path / "maze" / "cases.csv").write_text(CASES_HEADER, encoding="utf-8")
     with pytest.raises(ValueError, match="holds no cases"):
         mrpb_courses(str(tmp_path), ROBOTS["p3dx"])

@@ -228,6 +228,14 @@ def test_a_map_alone_is_answered_with_a_scenario_that_can_be_read(tmp_path: Path
                    scenario=str(tmp_path / "mine.json"))  # fmt: skip
 
 
+@pytest.mark.parametrize("task", ["PathFollowing", "GoalObstacles"])
+def test_a_plan_or_a_goal_in_yaml_is_not_called_a_map(tmp_path: Path, task: str) -> None:
+    file = tmp_path / "plan.yaml"
+    file.write_text("header: {frame_id: map}\nposes:\n- pose: {position: {x: 0.0, y: 0.0, z: 0.0}}\n")
+    with pytest.raises(ValueError, match=r"plan\.yaml: is no map, for it has no image; a .* is read from \..*json"):
+        gymnasium.make(f"wayfield/DiffDrive{task}-v0", scenario=str(file))
+
+
 @pytest.mark.parametrize("task", ["PathFollowing", "GoalObstacles", "Docking", "People"])
 @pytest.mark.parametrize("name", ["office.yaml", "plan.pgm", "track.tsv", "scene.json", "./track", "/no/folder"])
 def test_a_file_that_is_missing_is_said_to_be(name: str, task: str) -> None:
