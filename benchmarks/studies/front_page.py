@@ -241,7 +241,9 @@ def sentences(shown_panels: Sequence[Panel]) -> list[str]:
                 f"{'and ' if words == before else ''}{place if words == before else words.format(place)} ({numbers})"
             )
             before = words
-        title = panel.title.replace("PPO with a fallback", "PPO hands over to `reeds_shepp_scan` when stuck")
+        title = panel.title.replace(
+            "PPO with a fallback", "PPO hands over to `reeds_shepp_scan` when it is stuck or something moves"
+        )
         verdicts.append(f"- **{title}**: {'; '.join(clauses).replace('; and ', ', and ')}.")
     return verdicts
 
@@ -274,7 +276,7 @@ def _clause(panel: Panel, match: Match) -> tuple[str, str, str]:
     numbers += f", {match.scenes:,} {panel.scenes}"
     if match.faster:  # elsewhere the numbers are those of the verdict
         numbers = f"{match.faster}; {'both' if a.value == b.value else 'tie in success:'} {numbers}"
-    numbers = "; ".join(filter(None, (numbers, match.ppo and f"PPO trained for this robot alone: {match.ppo} %")))
+    numbers = "; ".join(filter(None, (numbers, match.ppo and f"PPO trained only for this robot model: {match.ppo} %")))
     if speeds:
         numbers += ", at {:.2f} vs. {:.2f} m/s".format(*speeds[::turned])
     words = {
@@ -313,7 +315,7 @@ def _count(shown_panels: Sequence[Panel]) -> str:
             f"**Controllers win {wins} of {count} kinds of scenes, agents trained with PPO win {losses}; {ties} are "
             "ties.**",
             *which,
-            "In a tie the two are shown equivalent (the line says so), or do not differ significantly.",
+            'A tie is a difference that is not significant, or is shown to be negligible ("equivalent").',
         )
     )
 
@@ -348,7 +350,10 @@ def figure(shown_panels: Sequence[Panel]) -> bytes:
 def _draw(axes: Any, panel: Panel) -> None:
     ends, digits = max(max(m.controller.high, m.agent.high) for m in panel.matches), 1 if panel.unit == "%" else 2
     for k, match in enumerate(panel.matches):
-        for bar, colour, y in ((match.controller, CONTROLLER, k - 0.18), (match.agent, AGENT, k + 0.18)):
+        # where times decide they stand behind the values, the better one's first
+        times = re.findall(r"[\d.]+(?= vs| s$)", match.faster)[:: -1 if match.outcome == WORSE else 1]
+        for side, (bar, colour) in enumerate(((match.controller, CONTROLLER), (match.agent, AGENT))):
+            y = k - 0.18 + 0.36 * side
             reach = [[max(bar.value - bar.low, 0.0)], [max(bar.high - bar.value, 0.0)]]
             axes.barh(y, bar.value, 0.34, color=colour, xerr=reach, error_kw={"capsize": 3, "lw": 1.5})
             name, value = re.sub(r"`|^agent | \(.*\)", "", bar.name), f"{bar.value:.{digits}f}"
@@ -356,11 +361,12 @@ def _draw(axes: Any, panel: Panel) -> None:
             if inside:
                 dark = colour == CONTROLLER
                 axes.text(0.02 * ends, y, name, va="center", fontsize=14, color="white" if dark else "black")
+            value += f", {times[side]} s" if len(times) == 2 else ""
             text = value if inside else f"{name} {value}"
             axes.text(bar.high + 0.02 * ends, y, text, va="center", fontsize=14)
     axes.set_yticks(range(len(panel.matches)), list(map(_wrapped, panel.matches)), fontsize=14)
     axes.invert_yaxis()
-    axes.set_xlim(0.0, ends * 1.2)
+    axes.set_xlim(0.0, ends * (1.3 if any(match.faster for match in panel.matches) else 1.2))
     if panel.unit == "%":
         axes.set_xticks(range(0, 101, 25))
     axes.tick_params(axis="x", labelsize=13)
