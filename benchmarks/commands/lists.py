@@ -10,7 +10,7 @@ import rich.table
 
 from wayfield.envs.robots import ROBOTS, Robot
 from wayfield.envs.scenarios import GOAL_SCENARIOS, PATH_SCENARIOS, SPLITS, TIERS
-from wayfield.envs.tasks.specs import EVERY
+from wayfield.envs.tasks.specs import EVERY, TaskSpec
 from wayfield.system.checks import choose
 from wayfield.system.command_line import OneLineErrors
 
@@ -35,6 +35,11 @@ def _chosen(what: str, words: Sequence[str], known: Mapping[str, str]) -> list[s
     return [name for name in known if name in chosen]
 
 
+def _task(spec: TaskSpec) -> str:
+    """Returns the words by which a task may be named: its kind and its suite."""
+    return f"{spec.kind} {spec.suite}"
+
+
 @click.command("policies", cls=OneLineErrors)
 @click.argument("names", nargs=-1)
 def policies(names: tuple[str, ...]) -> None:
@@ -44,7 +49,7 @@ def policies(names: tuple[str, ...]) -> None:
 
     rows = []
     driven = {name: [spec for spec in EVERY.values() if drives(name, spec)] for name in ABOUT}
-    for name in _chosen("policy", names, {name: " ".join(spec.kind for spec in driven[name]) for name in ABOUT}):
+    for name in _chosen("policy", names, {name: " ".join(map(_task, driven[name])) for name in ABOUT}):
         about = ABOUT[name]
         policy = about.make()
         needs = ", ".join(getattr(policy, "needs", ())) or "-"
@@ -72,7 +77,7 @@ def scenarios(names: tuple[str, ...]) -> None:
     """Lists the families of scenarios of each task, or those that FAMILIES name, also by a part or the task."""
     from wayfield.envs.scenarios import splits
 
-    chosen = _chosen("family", names, {each: spec.kind for spec in EVERY.values() for each in spec.families})
+    chosen = _chosen("family", names, {each: _task(spec) for spec in EVERY.values() for each in spec.families})
     for spec in EVERY.values():
         rows = []
         for family in (each for each in spec.families if each in chosen):

@@ -50,4 +50,5 @@ class RobotChoice(click.ParamType):  # type: ignore[type-arg]
             raise click.UsageError(f"{self.field} {value!r} cannot be read: {unread(value, error)}") from None
         except ValueError as error:
             text = str(error)
-            raise click.UsageError(text if text.startswith("--") else f"{self.field} {text}") from None
+            named = text.startswith(("--", f"{self.field}="))
+            raise click.UsageError(text if named else f"{self.field} {text}") from None

@@ -152,7 +152,7 @@ def test_the_lists_name_all_that_there_is_and_fit_80_columns() -> None:
     families = [family for spec in TASKS.values() for family in spec.families]
     # below each stands what its columns mean, and what else may be named
     below = {
-        lists.policies: ["Access:", "Needs:", "wayfield.policies.make(NAME)"],
+        lists.policies: ["Inputs:", "Needs:", "wayfield.policies.make(NAME)"],
         lists.scenarios: [*(f"{name} ({count})" for name, count in SPLITS.items()), *PATH_SCENARIOS, *GOAL_SCENARIOS],
         lists.robots: ["Hull:", "At most:"],
     }
@@ -175,6 +175,10 @@ def test_the_lists_name_all_that_there_is_and_fit_80_columns() -> None:
         assert [each for each in firsts if each in mine] == [each for each in mine if part in each]
         assert other.exit_code == 2
         assert "'nothing' is unknown." in str(other.stderr)
+    docks = TASKS["docking"]
+    of_suite = [CliRunner().invoke(lists.scenarios, [word]).output for word in (docks.suite, docks.kind)]
+    assert of_suite[0] == of_suite[1]
+    assert all(f" {family} " in of_suite[0] for family in docks.families)
 
 
 PATH = ("DiffDrivePathFollowing-v0", "--scenario", "s_curve", "--policy", "pure_pursuit", "--seconds", "1")
