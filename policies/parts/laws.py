@@ -1,6 +1,7 @@
 """Kinds of laws: what they are told, what they observe and what they need of a base, unless they say otherwise."""
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any, ClassVar
 
 import numpy as np
@@ -15,7 +16,6 @@ from wayfield.policies.parts.lead import aims_of
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.policy import Policy
 from wayfield.policies.parts.sampled import check_stable
-from wayfield.policies.parts.steering import unicycle_twists
 from wayfield.policies.parts.stopping import Scan
 
 Array = NDArray[np.float64]
@@ -31,13 +31,18 @@ class PathLaw(Gains):
 
 @dataclasses.dataclass(frozen=True)
 class ReferenceLaw(Gains):
-    """Follows a reference in time, as a unicycle, by what it observes of it, from where its command has an effect."""
+    """Follows a reference in time by what it observes of it, from where its command has an effect.
+
+    Its equations are `decide`, compiled: of `params`, AIM records (b,) and the memory it fills the twists (b, t), which
+    begin at zero, and may write what the law keeps into the last two columns of the memory.
+    """
 
     lead: bool = gain(True, "", "whether it predicts where it and its reference are once a command has its effect")
     estimate: float = gain(
         0.0, "1", "rate at which gains of the reference are estimated; 0: none", least=0.0, search=(0.0, 10.0)
     )
 
+    decide: ClassVar[Callable[..., None]]
     knows: ClassVar[str] = "sensors"
     observes: ClassVar[tuple[type, ...]] = (trajectory_tracking.Observation,)
     needs: ClassVar[tuple[str, ...]] = ()
@@ -60,13 +65,9 @@ class ReferenceLaw(Gains):
         aims = aims_of(type(self).__name__, observation, briefing, self.lead)
         if self.estimate > 0.0:
             estimate_gains(aims, self.estimate, briefing.dt, memory)
-        twists = np.empty((len(aims), 2))
+        twists = np.zeros((len(aims), len(briefing.robot.twist_axes)))
         self.decide(params(self, briefing), aims, memory, twists)
-        return unicycle_twists(briefing.robot, twists[:, 0], twists[:, 1])
-
-    def decide(self, params: NDArray[np.void], aims: NDArray[np.void], memory: NDArray[Any], twists: Array) -> None:
-        """Fills the twists (b, 2), m/s and rad/s, for AIM records (b,)."""
-        raise NotImplementedError
+        return twists
 
 
 class GoalLaw(Gains):

@@ -31,6 +31,7 @@ AIM = np.dtype(
         ("vx_rate", np.float64),  # m/s^2, rad/s^2
         ("vy_rate", np.float64),
         ("yaw_acceleration", np.float64),
+        ("measured_heading", np.float64),  # rad, of the robot now, in the world
     ],
     align=True,
 )
@@ -52,6 +53,7 @@ def aims_of(name: str, observation: trajectory_tracking.Observation, briefing: B
             f"every {spacing:g} s: make the environment with num_preview={max(3, int(np.ceil(ahead / spacing)))}"
         )
     aims = np.zeros(len(observation.pose), AIM)
+    aims["measured_heading"] = observation.pose[:, 2]
     fill_aims(
         base, ahead, spacing, observation.twist, observation.command, observation.error, observation.reference_twist,
         observation.preview, aims,

@@ -1,13 +1,32 @@
 """Tracking of a unicycle by backstepping."""
 
 import dataclasses
-from typing import Any
 
 from wayfield.envs.robots.kinematics import sinc
 from wayfield.policies.parts.gain import gain
 from wayfield.policies.parts.laws import ReferenceLaw
 from wayfield.system.compiled import compiled
 from wayfield.system.elementary import sin_cos
+
+
+@compiled
+def step_back(params, aims, memory, twists):
+    """Fills the speeds and yaw rates of the twists (b, t) of `Backstepping`."""
+    p = params[0]
+    for i in range(aims.shape[0]):
+        e = aims[i]
+        sine, cosine = sin_cos(e.turn)
+        s = sinc(e.turn)
+        # its derivative; the series where the quotient loses its digits
+        ds = (cosine - s) / e.turn if abs(e.turn) > 1e-3 else -e.turn * (1.0 / 3.0)
+        w = e.yaw_rate + p.g * e.vx * e.y * s + p.k_th * e.turn
+        y_rate = e.vx * sine - w * e.x
+        turn_rate = e.yaw_rate - w
+        w_rate = e.yaw_acceleration + p.k_th * turn_rate
+        w_rate += p.g * (e.vx_rate * e.y * s + e.vx * y_rate * s + e.vx * e.y * ds * turn_rate)
+        x = e.x - p.k3 * w * e.y
+        twists[i, 0] = e.vx * cosine - p.k3 * w_rate * e.y - p.k3 * w * y_rate + p.k4 * x
+        twists[i, -1] = w
 
 
 @dataclasses.dataclass(frozen=True)
@@ -31,27 +50,4 @@ class Backstepping(ReferenceLaw):
     k3: float = gain(0.05, "s", "of the error aside in the one ahead", above=0.0, search=(0.01, 1.0))
     k4: float = gain(4.5, "1/s", "of the error ahead", above=0.0, search=(0.5, 10.0))
 
-    def decide(self, params: Any, aims: Any, memory: Any, twists: Any) -> None:
-        """Fills the twists (b, 2) for AIM records (b,)."""
-        del memory
-        step_back(params, aims, twists)
-
-
-@compiled
-def step_back(params, aims, twists):
-    """Fills the (b, 2) speeds and yaw rates of `Backstepping`."""
-    p = params[0]
-    for i in range(aims.shape[0]):
-        e = aims[i]
-        sine, cosine = sin_cos(e.turn)
-        s = sinc(e.turn)
-        # its derivative; the series where the quotient loses its digits
-        ds = (cosine - s) / e.turn if abs(e.turn) > 1e-3 else -e.turn * (1.0 / 3.0)
-        w = e.yaw_rate + p.g * e.vx * e.y * s + p.k_th * e.turn
-        y_rate = e.vx * sine - w * e.x
-        turn_rate = e.yaw_rate - w
-        w_rate = e.yaw_acceleration + p.k_th * turn_rate
-        w_rate += p.g * (e.vx_rate * e.y * s + e.vx * y_rate * s + e.vx * e.y * ds * turn_rate)
-        x = e.x - p.k3 * w * e.y
-        twists[i, 0] = e.vx * cosine - p.k3 * w_rate * e.y - p.k3 * w * y_rate + p.k4 * x
-        twists[i, 1] = w
+    decide = staticmethod(step_back)

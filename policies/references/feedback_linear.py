@@ -2,7 +2,6 @@
 
 import dataclasses
 import math
-from typing import Any
 
 from wayfield.policies.parts.gain import gain
 from wayfield.policies.parts.laws import ReferenceLaw
@@ -10,6 +9,29 @@ from wayfield.system.compiled import compiled
 from wayfield.system.elementary import sin_cos
 
 _BEGUN, _SPEED = 2, 3  # of the memory
+
+
+@compiled
+def linearised(params, aims, memory, twists):
+    """Fills the speeds and yaw rates of the twists (b, t) of `FeedbackLinear`."""
+    p = params[0]
+    kd = 2.0 * p.zeta * p.a
+    kp = p.a * p.a
+    fastest = p.plant.wheel_speed_limit / max(abs(p.plant.wheel_matrix[0, 0]), 1e-9)
+    for i in range(aims.shape[0]):
+        e = aims[i]
+        if memory[i, _BEGUN] == 0.0:
+            memory[i, _BEGUN] = 1.0
+            memory[i, _SPEED] = e.vx
+        xi = memory[i, _SPEED]
+        if abs(xi) < p.least_speed:
+            xi = math.copysign(p.least_speed, xi)
+        sine, cosine = sin_cos(e.turn)
+        aside = e.vx * e.yaw_rate
+        u = cosine * e.vx_rate - sine * aside + kd * (cosine * e.vx - xi) + kp * e.x
+        twists[i, 0] = xi
+        twists[i, -1] = (sine * e.vx_rate + cosine * aside + kd * sine * e.vx + kp * e.y) / xi
+        memory[i, _SPEED] = min(max(xi + p.plant.dt * u, -fastest), fastest)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,29 +55,4 @@ class FeedbackLinear(ReferenceLaw):
     zeta: float = gain(0.81, "1", "their damping", above=0.0, search=(0.4, 1.2))
     least_speed: float = gain(0.05, "m/s", "held, to keep off the singularity", above=0.0, search=(0.01, 0.3))
 
-    def decide(self, params: Any, aims: Any, memory: Any, twists: Any) -> None:
-        """Fills the twists (b, 2) for AIM records (b,), and moves the speeds of the memory on."""
-        linearised(params, aims, memory, twists)
-
-
-@compiled
-def linearised(params, aims, memory, twists):
-    """Fills the (b, 2) speeds and yaw rates of `FeedbackLinear`."""
-    p = params[0]
-    kd = 2.0 * p.zeta * p.a
-    kp = p.a * p.a
-    fastest = p.plant.wheel_speed_limit / max(abs(p.plant.wheel_matrix[0, 0]), 1e-9)
-    for i in range(aims.shape[0]):
-        e = aims[i]
-        if memory[i, _BEGUN] == 0.0:
-            memory[i, _BEGUN] = 1.0
-            memory[i, _SPEED] = e.vx
-        xi = memory[i, _SPEED]
-        if abs(xi) < p.least_speed:
-            xi = math.copysign(p.least_speed, xi)
-        sine, cosine = sin_cos(e.turn)
-        aside = e.vx * e.yaw_rate
-        u = cosine * e.vx_rate - sine * aside + kd * (cosine * e.vx - xi) + kp * e.x
-        twists[i, 0] = xi
-        twists[i, 1] = (sine * e.vx_rate + cosine * aside + kd * sine * e.vx + kp * e.y) / xi
-        memory[i, _SPEED] = min(max(xi + p.plant.dt * u, -fastest), fastest)
+    decide = staticmethod(linearised)

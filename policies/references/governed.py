@@ -12,9 +12,7 @@ from wayfield.envs.robots.kinematics import to_body_frame
 from wayfield.envs.robots.references import sample_index
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies.parts.gain import gain
-from wayfield.policies.parts.lead import aims_of
-from wayfield.policies.parts.params import params
-from wayfield.policies.references.samson import Samson, follow_samson
+from wayfield.policies.references.samson import Samson
 from wayfield.system.compiled import any_layout, compiled
 from wayfield.system.elementary import sin_cos, wrap_angle
 
@@ -58,12 +56,7 @@ class Governed(Samson):
         stride, gains = briefing.preview_spacing / briefing.dt, (self.c, self.least_rate, self.hurry)
         wait(*briefing.reference, stride, gains, observation.pose, memory, seen)
         now = observation._replace(error=seen[:, 0, :3], reference_twist=seen[:, 0, 3:], preview=seen[:, 1:])
-        aims = aims_of(type(self).__name__, now, briefing, self.lead)
-        twists = np.empty((len(aims), 2))
-        follow_samson(params(self, briefing), aims, twists)
-        out = np.zeros((len(aims), len(briefing.robot.twist_axes)))
-        out[:, 0], out[:, -1] = twists.T
-        return out
+        return super().act(now, briefing, memory)
 
 
 @any_layout

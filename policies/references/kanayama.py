@@ -1,12 +1,22 @@
 """Kanayama's tracking law of a unicycle."""
 
 import dataclasses
-from typing import Any
 
 from wayfield.policies.parts.gain import gain
 from wayfield.policies.parts.laws import ReferenceLaw
 from wayfield.system.compiled import compiled
 from wayfield.system.elementary import sin_cos
+
+
+@compiled
+def track(params, aims, memory, twists):
+    """Fills the speeds and yaw rates of the twists (b, t) of `Kanayama`."""
+    p = params[0]
+    for i in range(aims.shape[0]):
+        e = aims[i]
+        sine, cosine = sin_cos(e.turn)
+        twists[i, 0] = e.vx * cosine + p.k_x * e.x
+        twists[i, -1] = e.yaw_rate + e.vx * (p.k_y * e.y + p.k_th * sine)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,18 +44,4 @@ class Kanayama(ReferenceLaw):
     k_y: float = gain(12.9, "1/m^2", "of the error aside", above=0.0, search=(1.0, 60.0))
     k_th: float = gain(5.5, "1/m", "of the heading's error", above=0.0, search=(0.5, 16.0))
 
-    def decide(self, params: Any, aims: Any, memory: Any, twists: Any) -> None:
-        """Fills the twists (b, 2) for AIM records (b,)."""
-        del memory
-        track(params, aims, twists)
-
-
-@compiled
-def track(params, aims, twists):
-    """Fills the (b, 2) speeds and yaw rates of `Kanayama`."""
-    p = params[0]
-    for i in range(aims.shape[0]):
-        e = aims[i]
-        sine, cosine = sin_cos(e.turn)
-        twists[i, 0] = e.vx * cosine + p.k_x * e.x
-        twists[i, 1] = e.yaw_rate + e.vx * (p.k_y * e.y + p.k_th * sine)
+    decide = staticmethod(track)

@@ -1,12 +1,23 @@
 """Input-output linearisation of a point ahead of the axle."""
 
 import dataclasses
-from typing import Any
 
 from wayfield.policies.parts.gain import gain
 from wayfield.policies.parts.laws import ReferenceLaw
 from wayfield.system.compiled import compiled
 from wayfield.system.elementary import sin_cos
+
+
+@compiled
+def lead_point(params, aims, memory, twists):
+    """Fills the speeds and yaw rates of the twists (b, t) of `OffsetPoint`."""
+    p = params[0]
+    for i in range(aims.shape[0]):
+        e = aims[i]
+        sine, cosine = sin_cos(e.turn)
+        aside = e.vy + p.b * e.yaw_rate
+        twists[i, 0] = cosine * e.vx - sine * aside + p.k * (e.x + p.b * (cosine - 1.0))
+        twists[i, -1] = (sine * e.vx + cosine * aside + p.k * (e.y + p.b * sine)) / p.b
 
 
 @dataclasses.dataclass(frozen=True)
@@ -26,19 +37,4 @@ class OffsetPoint(ReferenceLaw):
     b: float = gain(0.34, "m", "of the point ahead of the axle", above=0.0, search=(0.05, 0.6))
     k: float = gain(3.4, "1/s", "of the point's error", above=0.0, search=(0.5, 8.0))
 
-    def decide(self, params: Any, aims: Any, memory: Any, twists: Any) -> None:
-        """Fills the twists (b, 2) for AIM records (b,)."""
-        del memory
-        lead_point(params, aims, twists)
-
-
-@compiled
-def lead_point(params, aims, twists):
-    """Fills the (b, 2) speeds and yaw rates of `OffsetPoint`."""
-    p = params[0]
-    for i in range(aims.shape[0]):
-        e = aims[i]
-        sine, cosine = sin_cos(e.turn)
-        aside = e.vy + p.b * e.yaw_rate
-        twists[i, 0] = cosine * e.vx - sine * aside + p.k * (e.x + p.b * (cosine - 1.0))
-        twists[i, 1] = (sine * e.vx + cosine * aside + p.k * (e.y + p.b * sine)) / p.b
+    decide = staticmethod(lead_point)

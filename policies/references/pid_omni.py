@@ -1,20 +1,32 @@
 """Feed-forward and PI feedback of a base that goes sideways."""
 
 import dataclasses
-from typing import Any, ClassVar
+from typing import ClassVar
 
-import numpy as np
-from numpy.typing import NDArray
-
-from wayfield.envs import trajectory_tracking
-from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies.parts.gain import gain
-from wayfield.policies.parts.gain_estimate import estimate_gains
 from wayfield.policies.parts.laws import ReferenceLaw
-from wayfield.policies.parts.lead import aims_of
-from wayfield.policies.parts.params import params
 from wayfield.system.compiled import compiled
 from wayfield.system.elementary import sin_cos
+
+
+@compiled
+def feed_back(params, aims, memory, twists):
+    """Fills the (b, 3) twists of `PidOmni`; memory (b, 4) holds the integral in its last two columns, world frame."""
+    p = params[0]
+    for i in range(aims.shape[0]):
+        e = aims[i]
+        sine, cosine = sin_cos(e.measured_heading)
+        memory[i, 2] += p.plant.dt * (cosine * e.x - sine * e.y)
+        memory[i, 3] += p.plant.dt * (sine * e.x + cosine * e.y)
+        along = cosine * memory[i, 2] + sine * memory[i, 3]
+        aside = cosine * memory[i, 3] - sine * memory[i, 2]
+        # velocity and acceleration in the reference's frame
+        vx = e.vx + p.ahead * (e.vx_rate - e.yaw_rate * e.vy)
+        vy = e.vy + p.ahead * (e.vy_rate + e.yaw_rate * e.vx)
+        sine, cosine = sin_cos(e.turn)
+        twists[i, 0] = p.forward * (cosine * vx - sine * vy) + p.k_p * e.x + p.k_i * along
+        twists[i, 1] = p.forward * (sine * vx + cosine * vy) + p.k_p * e.y + p.k_i * aside
+        twists[i, 2] = p.forward * (e.yaw_rate + p.ahead * e.yaw_acceleration) + p.k_th * e.turn
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,33 +54,4 @@ class PidOmni(ReferenceLaw):
 
     needs: ClassVar[tuple[str, ...]] = ("holonomic",)
 
-    def act(
-        self, observation: trajectory_tracking.Observation, briefing: Briefing, memory: NDArray[Any]
-    ) -> NDArray[np.float64]:
-        """Returns the twists (b, 3), m/s and rad/s."""
-        aims = aims_of(type(self).__name__, observation, briefing, self.lead)
-        if self.estimate > 0.0:
-            estimate_gains(aims, self.estimate, briefing.dt, memory)
-        twists = np.empty((len(aims), 3))
-        feed_back(params(self, briefing), observation.pose, aims, memory, twists)
-        return twists
-
-
-@compiled
-def feed_back(params, poses, aims, memory, twists):
-    """Fills the (b, 3) twists of `PidOmni`; memory (b, 4) holds the integral in its last two columns, world frame."""
-    p = params[0]
-    for i in range(aims.shape[0]):
-        e = aims[i]
-        sine, cosine = sin_cos(poses[i, 2])
-        memory[i, 2] += p.plant.dt * (cosine * e.x - sine * e.y)
-        memory[i, 3] += p.plant.dt * (sine * e.x + cosine * e.y)
-        along = cosine * memory[i, 2] + sine * memory[i, 3]
-        aside = cosine * memory[i, 3] - sine * memory[i, 2]
-        # velocity and acceleration in the reference's frame
-        vx = e.vx + p.ahead * (e.vx_rate - e.yaw_rate * e.vy)
-        vy = e.vy + p.ahead * (e.vy_rate + e.yaw_rate * e.vx)
-        sine, cosine = sin_cos(e.turn)
-        twists[i, 0] = p.forward * (cosine * vx - sine * vy) + p.k_p * e.x + p.k_i * along
-        twists[i, 1] = p.forward * (sine * vx + cosine * vy) + p.k_p * e.y + p.k_i * aside
-        twists[i, 2] = p.forward * (e.yaw_rate + p.ahead * e.yaw_acceleration) + p.k_th * e.turn
+    decide = staticmethod(feed_back)

@@ -2,13 +2,24 @@
 
 import dataclasses
 import math
-from typing import Any
 
 from wayfield.envs.robots.kinematics import sinc
 from wayfield.policies.parts.gain import gain
 from wayfield.policies.parts.laws import ReferenceLaw
 from wayfield.system.compiled import compiled
 from wayfield.system.elementary import sin_cos
+
+
+@compiled
+def follow_samson(params, aims, memory, twists):
+    """Fills the speeds and yaw rates of the twists (b, t) of `Samson`."""
+    p = params[0]
+    for i in range(aims.shape[0]):
+        e = aims[i]
+        k = 2.0 * p.zeta * math.sqrt(e.yaw_rate * e.yaw_rate + p.b * e.vx * e.vx)
+        _, cosine = sin_cos(e.turn)
+        twists[i, 0] = e.vx * cosine + k * e.x
+        twists[i, -1] = e.yaw_rate + p.b * e.vx * sinc(e.turn) * e.y + k * e.turn
 
 
 @dataclasses.dataclass(frozen=True)
@@ -31,19 +42,4 @@ class Samson(ReferenceLaw):
     zeta: float = gain(0.81, "1", "damping", above=0.0, search=(0.4, 1.2))
     b: float = gain(13.0, "1/m^2", "how soon an error aside is taken back", above=0.0, search=(1.0, 100.0))
 
-    def decide(self, params: Any, aims: Any, memory: Any, twists: Any) -> None:
-        """Fills the twists (b, 2) for AIM records (b,)."""
-        del memory
-        follow_samson(params, aims, twists)
-
-
-@compiled
-def follow_samson(params, aims, twists):
-    """Fills the (b, 2) speeds and yaw rates of `Samson`."""
-    p = params[0]
-    for i in range(aims.shape[0]):
-        e = aims[i]
-        k = 2.0 * p.zeta * math.sqrt(e.yaw_rate * e.yaw_rate + p.b * e.vx * e.vx)
-        _, cosine = sin_cos(e.turn)
-        twists[i, 0] = e.vx * cosine + k * e.x
-        twists[i, 1] = e.yaw_rate + p.b * e.vx * sinc(e.turn) * e.y + k * e.turn
+    decide = staticmethod(follow_samson)

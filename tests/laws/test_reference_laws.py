@@ -236,6 +236,18 @@ def test_an_eight_is_followed_within_a_millimetre_by_what_looks_ahead(name: str,
         assert 1e3 * rms(errors(make(name, estimate=5.0), n=4, disturbance="moderate")[0]) <= 10.0
 
 
+@pytest.mark.parametrize("name", [*UNICYCLES, "governed", "pid_omni"])
+def test_no_gain_is_without_an_effect(name: str) -> None:
+    """Behind a reference that is too fast, and under what makes a law estimate."""
+    robot = "omni3" if make(name).needs else "p3dx"
+    how = {"robot": robot, "scenario": "too_fast/test", "disturbance": "moderate", "apart": 1.0, "begins": "rest"}
+    usual = errors(make(name), 300, 4, **how)[0]
+    for each in dataclasses.fields(make(name)):
+        value = {"lead": False, "estimate": 2.0}.get(each.name, 0.9 * getattr(make(name), each.name) or 0.1)
+        found = errors(make(name, **{each.name: value}), 300, 4, **how)[0]
+        assert (found != usual).any(), each.name
+
+
 def test_samson_holds_what_is_thrown_anywhere() -> None:
     (eight,) = TASKS["trajectory_tracking"].presets["eight_2m"]()
     thrown = dataclasses.replace(eight, start_offset=0.7, start_turn=3.14, corridor=10.0)
