@@ -67,7 +67,7 @@ class Column:
     factor: float = 1.0
     with_interval: bool = False
     successes_only: bool = False
-    reduction: str = "mean"  # or "iqm", the interquartile mean, "max"
+    reduction: str = "mean"  # or "iqm", the interquartile mean, "cvar", that of the larger half, "max", "min"
     imputed: bool = False  # whether a failure counts as the task says, as it does in COST
 
 

@@ -42,11 +42,28 @@ def settling(trajectory: Trajectory) -> float:
 
 
 def lag(trajectory: Trajectory) -> float:
-    """Returns the time (s) by which a robot comes after its reference: the error ahead by the speed, least squares."""
+    """Returns the time (s) by which a robot comes after its reference: the error by the velocity, least squares."""
     later = trajectory.times > min(SETTLED, float(trajectory.times[-2]))
-    speeds, ahead = trajectory.twists[later, 0], trajectory.tracked[later, 0]
-    moving = np.abs(speeds) > SLOWEST
-    return float((speeds * ahead)[moving].sum() / (speeds * speeds)[moving].sum()) if moving.any() else math.nan
+    velocities, errors = trajectory.twists[later, :2], trajectory.tracked[later, :2]
+    moving = np.hypot(*velocities.T) > SLOWEST
+    return float((velocities * errors)[moving].sum() / (velocities**2)[moving].sum()) if moving.any() else math.nan
+
+
+def apart(trajectory: Trajectory) -> tuple[float, float]:
+    """Returns the RMS errors (m) after 10 s along and across the way that the reference goes, or looks where it rests.
+
+    Their squares add up to that of the RMS distance from it.
+    """
+    heading = trajectory.poses[:, 2]
+    ex, ey, turn = trajectory.tracked[:, :3].T
+    error = np.column_stack([np.cos(heading) * ex - np.sin(heading) * ey, np.sin(heading) * ex + np.cos(heading) * ey])
+    ways = np.gradient(trajectory.poses[:, :2] + error, trajectory.dt, axis=0)
+    speeds = np.hypot(*ways.T)
+    looks = np.column_stack([np.cos(heading + turn), np.sin(heading + turn)])
+    ways = np.where(speeds[:, None] > SLOWEST, ways / np.maximum(speeds, SLOWEST)[:, None], looks)
+    later = trajectory.times > min(SETTLED, float(trajectory.times[-2]))
+    along, across = (error * ways).sum(axis=1), error[:, 1] * ways[:, 0] - error[:, 0] * ways[:, 1]
+    return _rms(along[later]), _rms(across[later])
 
 
 def turn_effort(trajectory: Trajectory) -> float:
@@ -61,8 +78,17 @@ METRICS = {
     episode.Column("position_rms_after", float, "m", "RMS distance from the reference after 10 s"): (
         lambda each: _rms(_errors(each, SETTLED)[1])
     ),
+    episode.Column("position_max", float, "m", "largest distance from the reference"): (
+        lambda each: float(_errors(each)[1].max())
+    ),
     episode.Column("position_max_after", float, "m", "largest distance from the reference after 10 s"): (
         lambda each: float(_errors(each, SETTLED)[1].max())
+    ),
+    episode.Column("along_rms_after", float, "m", "RMS error along the motion of the reference after 10 s"): (
+        lambda each: apart(each)[0]
+    ),
+    episode.Column("across_rms_after", float, "m", "RMS error across the motion of the reference after 10 s"): (
+        lambda each: apart(each)[1]
     ),
     episode.Column("heading_rms_after", float, "rad", "RMS heading error after 10 s"): (
         lambda each: _rms(each.tracked[each.times > min(SETTLED, float(each.times[-2])), 2])
@@ -76,6 +102,9 @@ METRICS = {
     ),
     episode.Column("time_lag", float, "s", "time by which the robot comes after its reference, after 10 s"): lag,
     episode.Column("turn_effort", float, "rad/s^2", "mean absolute change of the commanded yaw rate"): turn_effort,
+    episode.Column("limited_share", float, "", "share of the time at a limit of speed or acceleration"): (
+        lambda each: float(each.tracked[1:, 4].mean())
+    ),
     episode.Column("over_floor", float, "", "RMS distance after 10 s over that of a regulator with the model"): (
         lambda each: _rms(_errors(each, SETTLED)[1]) / each.floor
     ),
@@ -110,8 +139,12 @@ TRAJECTORY_TRACKING = Contest(
         columns.TIMEOUT,
         Column("error after 10 s (mm)", COST, 2, 1e3, with_interval=True),
         Column("IQM (mm)", COST, 2, 1e3, with_interval=True, reduction="iqm"),
+        Column("CVaR 0.5 (mm)", COST, 2, 1e3, reduction="cvar"),
+        Column("along (mm)", "along_rms_after", 2, 1e3),
+        Column("across (mm)", "across_rms_after", 2, 1e3),
         Column("worst (mm)", "position_max_after", 1, 1e3, reduction="max"),
         Column("whole (mm)", "position_rms", 1, 1e3),
+        Column("largest (mm)", "position_max", 1, 1e3),
         Column("off the path (mm)", "cross_track_rms_time", 1, 1e3),
         Column("over floor", "over_floor", 1),
         Column("heading (deg)", "heading_rms_after", 2, DEGREES),
@@ -120,6 +153,7 @@ TRAJECTORY_TRACKING = Contest(
         Column("turning (rad/s²)", "turn_effort", 2),
         Column("effort (rad²/s)", "effort", 0),
         Column("saturated (%)", "saturated_share", 1, 100.0),
+        Column("limited (%)", "limited_share", 1, 100.0),
         columns.FAULTS,
     ),
     gap=Column("gap (error, mm)", COST, 2, 1e3),
@@ -132,8 +166,9 @@ TRAJECTORY_TRACKING = Contest(
     counted="an error of 1 m",
     notes=(
         "A success never leaves the tube of 1 m and stays within 20 mm (RMS) after 10 s, or in too_fast within three "
-        "times what a regulator with the model leaves. Off the path is the distance to the nearest point of it, "
-        "whenever the robot is there. timed_mpc, which has the plans of timed_ilqr, drives where it is named. "
+        "times what a regulator with the model leaves. CVaR 0.5 is the mean error of the worse half. Along "
+        "and across are by the motion of the reference, after 10 s; off the path is the distance to the nearest point "
+        "of it, whenever the robot is there. timed_mpc, which has the plans of timed_ilqr, drives where it is named. "
         "Simulation only."
     ),
     scenes={"references that a base can follow": _FOLLOWED, "too fast": ("too_fast",)},

@@ -164,6 +164,20 @@ def _trajectory(
     return driven
 
 
+def _limited(states: NDArray[Any], params: NDArray[np.void], briefing: Briefing) -> NDArray[np.float64]:
+    """Returns (n + 1,) 1 where the wheels saturated, or the command changed by all that the accelerations allow.
+
+    NaN of a base whose sheet has a response: its command moves within a control period.
+    """
+    if params["responds"]:
+        return np.full(len(states), np.nan)
+    vx, vy, w = (np.diff(states[f"command_{axis}"], prepend=np.nan) for axis in ("vx", "vy", "yaw_rate"))
+    most = (1.0 - 1e-9) * briefing.dt
+    reached = np.hypot(vx, vy) >= most * briefing.actuators.acceleration
+    reached |= np.abs(w) >= most * briefing.actuators.yaw_acceleration
+    return (reached | (states["saturated"] != 0)).astype(np.float64)
+
+
 def _under(rules: Rules, driven: Trajectory, scenario: Any) -> Trajectory:
     """Returns a trajectory that is measured by the rules of a public benchmark."""
     return dataclasses.replace(
@@ -197,7 +211,8 @@ def _along(
     timed: dict[str, Any] = {}
     if briefing.reference is not None:
         names = ("error_x", "error_y", "heading_error", "command_yaw_rate")
-        timed = {"tracked": np.column_stack([states[name] for name in names]), "floor": float(task.floors[scenario])}
+        tracked = np.column_stack([*(states[name] for name in names), _limited(states, task.params, briefing)])
+        timed = {"tracked": tracked, "floor": float(task.floors[scenario])}
     # on laps without end the environment knows no success: a lap kept inside the corridor is one
     success = flags["success"] if laps else completion >= 0.98 and not flags["left_corridor"]
     return dataclasses.replace(

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from wayfield.benchmarks.contests import COST, OWN_SPLIT, PACE_TOLERANCE, PUBLIC_SPLIT, Column, Contest
 from wayfield.benchmarks.records.episode import Episodes, Row
-from wayfield.benchmarks.statistics.aggregates import counted_interval, interval, iqm, mean
+from wayfield.benchmarks.statistics.aggregates import counted_interval, cvar, interval, iqm, mean
 from wayfield.benchmarks.statistics.crossed import share_interval
 from wayfield.envs.robots.disturbances import LEVELS
 from wayfield.envs.tasks.specs import LARGEST_CLASS
@@ -48,7 +48,7 @@ def least(values: Array) -> Array:
     return np.asarray(np.min(values, axis=-1))
 
 
-REDUCTIONS = {"iqm": iqm, "mean": mean, "max": greatest, "min": least}
+REDUCTIONS = {"iqm": iqm, "mean": mean, "max": greatest, "min": least, "cvar": cvar}
 
 
 def check_columns(rows: Episodes) -> None:

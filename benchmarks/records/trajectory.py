@@ -38,7 +38,8 @@ class Trajectory:
     references: Array = dataclasses.field(
         default_factory=_nothing
     )  # (n + 1, 5) x, y, e_h, e_o and arc length of `Lookahead.errors`
-    # of a reference: (n + 1, 4) of it minus the robot x, y, heading in the robot's frame, then the commanded yaw rate
+    # of a reference: (n + 1, 5) of it minus the robot x, y, heading in the robot's frame, then the commanded yaw rate,
+    # then 1 where a limit of speed or acceleration was reached
     tracked: Array = dataclasses.field(default_factory=_nothing)
     floor: float = math.nan  # m, RMS error of the regulator that proves it
     # the world

@@ -30,6 +30,15 @@ def mean(values: Array) -> Array:
     return np.asarray(np.mean(values, axis=-1))
 
 
+def cvar(values: Array) -> Array:
+    """Returns the conditional value at risk at 0.5 over the last axis: the mean of the larger half.
+
+    Of an odd number the middle value counts half. Source: Rockafellar and Uryasev, Journal of Risk 2(3), 2000.
+    """
+    n = np.shape(values)[-1]
+    return np.asarray(np.sort(values, axis=-1) @ np.clip(np.arange(1, n + 1) - 0.5 * n, 0.0, 1.0) / (0.5 * n))
+
+
 def interval(
     values: Sequence[float] | Array,
     strata: Sequence[str],

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from wayfield.benchmarks.episodes.metrics import smoothness
 from wayfield.benchmarks.records.trajectory import Trajectory
-from wayfield.benchmarks.statistics.aggregates import interval, iqm, mean
+from wayfield.benchmarks.statistics.aggregates import cvar, interval, iqm, mean
 
 FINITE = st.floats(-1e6, 1e6)
 
@@ -27,6 +27,12 @@ def ends(values: Any, strata: list[str], statistic: Any) -> tuple[float, float]:
     found = interval(values, strata, statistic)
     assert found is not None
     return found
+
+
+@given(values=st.lists(st.floats(-1e3, 1e3), min_size=1, max_size=20))
+def test_cvar_is_the_mean_of_the_larger_half(values: list[float]) -> None:
+    twice = sorted([*values, *values])  # an even number, of which halves are whole
+    assert float(cvar(np.array(values))) == pytest.approx(np.mean(twice[len(values) :]), abs=1e-9)
 
 
 @pytest.mark.parametrize("statistic", [mean, iqm])

@@ -5,7 +5,11 @@ import math
 import numpy as np
 import pytest
 
+from wayfield.benchmarks.contests import CONTESTS
+from wayfield.benchmarks.contests.contest import Course, Entrants
+from wayfield.benchmarks.contests.trajectory_tracking import METRICS
 from wayfield.benchmarks.episodes.metrics import measure
+from wayfield.benchmarks.episodes.rollout import roll_out
 from wayfield.benchmarks.records.trajectory import Trajectory
 
 DT = 0.05
@@ -60,3 +64,39 @@ def test_one_lap_on_a_circle():
     assert found["cross_track_rms"] == pytest.approx(0.1)
     assert found["reference_jumps"] == 0  # the new lap is no jump
     assert math.isnan(found["final_position_error"])  # a circle has no end
+
+
+def tracked(way, error, heading, speed):
+    """Returns the metrics of a base that looks anywhere, off a reference along `way` by `error` (m) along and left."""
+    t = np.arange(400) * DT
+    along = np.array([math.cos(way), math.sin(way)])
+    off = error[0] * along + error[1] * np.array([-along[1], along[0]])
+    place = np.outer(speed * t, along) - off
+    c, s = math.cos(heading), math.sin(heading)
+    seen = np.tile([c * off[0] + s * off[1], c * off[1] - s * off[0], way - heading, 0.0, 0.0], (len(t), 1))
+    twists = np.tile([speed * math.cos(way - heading), speed * math.sin(way - heading), 0.0], (len(t), 1))
+    each = driven(*place.T, heading, tracked=seen, twists=twists, floor=1e-3)
+    return {column.name: metric(each) for column, metric in METRICS.items()}
+
+
+@pytest.mark.parametrize("speed", [0.5, 0.0])
+def test_errors_are_apart_along_and_across_whatever_way_a_base_looks(speed):
+    for way, heading in ((0.0, 0.0), (0.4, 2.0), (-2.5, 1.2)):
+        found = tracked(way, (0.03, -0.04), heading, speed)
+        assert found["along_rms_after"] == pytest.approx(0.03, abs=1e-9)
+        assert found["across_rms_after"] == pytest.approx(0.04, abs=1e-9)
+        assert found["position_max"] == found["position_max_after"] == pytest.approx(0.05, abs=1e-9)
+        if speed:
+            assert found["time_lag"] == pytest.approx(0.03 / 0.5, abs=1e-9)
+
+
+def test_a_base_is_at_its_limits_where_its_reference_takes_more_than_it_has():
+    contest, shares = CONTESTS["trajectory-tracking"], {}
+    for family in ("eights", "too_fast"):
+        course, entrants = Course(family, "test"), Entrants(("feed_forward", "kanayama"), ("default",))
+        for case in contest.cases("p3dx", course, entrants):
+            driven = roll_out(case, actuators="lagged", episodes=4)
+            shares[family, case.policy] = [float(each.tracked[1:, 4].mean()) for each in driven]
+    assert not any(shares["eights", "feed_forward"])  # it asks for the reference alone
+    assert 0.0 < max(shares["eights", "kanayama"]) < 0.1  # beside it at the start
+    assert min(shares["too_fast", "feed_forward"]) > 0.1
