@@ -297,11 +297,12 @@ def beyond(laid: Laid, base: NDArray[np.void], scaled: bool) -> str:
         return ""
     s = laid.samples[laid.where[worst]]
     if LIMITS[worst] == "motion sideways":
-        return f"moves sideways at {abs(s['vy']):.3g} m/s at {at:.2f} s, which this base cannot; leave headings out"
+        return f"moves sideways at {abs(s['vy']):.3g} m/s at {at:.2f} s, which this base cannot: turn it along the path"
     if LIMITS[worst] == "turning radius":
         least = float(base["turning_radius"][0])
         return f"turns on {least / share:.3g} m at {at:.2f} s; this base turns on no less than {least:g} m"
-    return f"takes {share:.2f} times this base's {LIMITS[worst]} at {at:.2f} s; give it more time there"
+    rests = "" if scaled else "; it begins and ends at rest"
+    return f"takes {share:.2f} times this base's {LIMITS[worst]} at {at:.2f} s; give it more time there{rests}"
 
 
 # ---- smooth curves through points

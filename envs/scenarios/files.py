@@ -16,7 +16,13 @@ import numpy as np
 from wayfield.envs.scenarios.maps import MAP_SUFFIXES, map_of
 from wayfield.envs.scenarios.obstacles import box, circle, moving_circle, obstacle_field, wall
 from wayfield.envs.scenarios.scenario import GoalScenario, PathScenario
-from wayfield.envs.scenarios.tables import TABLE_SUFFIXES, closing, origin_to_subtract, path_from_table
+from wayfield.envs.scenarios.tables import (
+    TABLE_SUFFIXES,
+    closing,
+    origin_to_subtract,
+    path_from_table,
+    timed_path_from_table,
+)
 from wayfield.envs.tasks.specs import TASKS, TaskSpec
 from wayfield.envs.world.paths import Path
 from wayfield.system.checks import (
@@ -69,9 +75,10 @@ def path_scenario_from_file(file: str, scale: float = 1.0, spec: TaskSpec = TASK
         OSError: if it cannot be opened, FileNotFoundError if there is none.
     """
     name, suffix = os.path.splitext(os.path.basename(file))
+    timed = "times" in spec.scenario.file_fields
     if suffix.lower() in TABLE_SUFFIXES:
         try:
-            scenario: PathScenario = spec.scenario(name, path_from_table(file, scale))
+            scenario: PathScenario = spec.scenario(name, **_of_table(file, scale, None, timed))
             return scenario
         except ValueError as error:
             raise fault(file, error) from None
@@ -86,12 +93,15 @@ def path_scenario_from_file(file: str, scale: float = 1.0, spec: TaskSpec = TASK
     check_keys(file, "", fields, (*paths, *spec.scenario.file_fields))
     if len(given := [field for field in paths if field in fields]) != 1:
         raise fault(file, f"exactly one of the fields {' and '.join(map(repr, paths))} must be given")
-    closed = fields.pop("closed", None)
+    closed = fields.pop("closed", False if timed else None)
     if not (closed is None or isinstance(closed, bool)):
         raise fault(file, f"closed is {shown(closed)}; it must be true or false")
     try:
-        read = _table_path if given[0] == _TABLE_FILE else _listed_path
-        fields[_WAY] = read(file, fields.pop(given[0]), closed, scale)
+        way = fields.pop(given[0])
+        if given[0] == _TABLE_FILE or (timed and isinstance(way, str)):
+            fields = _of_table(_beside(file, given[0], way), scale, closed, timed) | fields
+        else:
+            fields[_WAY] = _listed_path(file, way, closed, scale)
         if fields.get("start") is not None:
             x, y, heading = pose("start", fields["start"])
             fields["start"] = (x * scale, y * scale, heading)
@@ -202,11 +212,18 @@ def _pose_of(file: str, field: str, value: Any) -> tuple[float, float, float]:
         raise fault(file, error) from None
 
 
-def _table_path(file: str, table: Any, closed: bool | None, scale: float) -> Path:
-    """Returns the path of the table that a JSON file names, closed as it or else the table says."""
+def _beside(file: str, field: str, table: Any) -> str:
+    """Returns the table that a field of a JSON file names."""
     if not isinstance(table, str) or os.path.splitext(table)[1].lower() not in TABLE_SUFFIXES:
-        raise ValueError(f"path_file is {shown(table)}; it must be the name of a table, {', '.join(TABLE_SUFFIXES)}")
-    return path_from_table(os.path.join(os.path.dirname(file), table), scale, closed)
+        raise ValueError(f"{field} is {shown(table)}; it must be the name of a table, {', '.join(TABLE_SUFFIXES)}")
+    return os.path.join(os.path.dirname(file), table)
+
+
+def _of_table(table: str, scale: float, closed: bool | None, timed: bool) -> dict[str, Any]:
+    """Returns what a scenario has of a table: its path, closed as is said or else as it comes, or path and times."""
+    if timed:
+        return dict(zip((_WAY, "times"), timed_path_from_table(table, scale), strict=True))
+    return {_WAY: path_from_table(table, scale, closed)}
 
 
 def _listed_path(file: str, points: Any, closed: bool | None, scale: float) -> Path:

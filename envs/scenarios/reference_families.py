@@ -23,7 +23,7 @@ from wayfield.envs.scenarios.scenario import PathScenario
 from wayfield.envs.scenarios.tracing import arc, evenly
 from wayfield.envs.tasks.specs import Family, Repertoire
 from wayfield.envs.world.paths import Path
-from wayfield.system.checks import LONGEST, MOST_TURN, numbers_of, shown
+from wayfield.system.checks import MOST_TURN, numbers_of, shown
 from wayfield.system.elementary import bearings, sin_cos, sines
 
 Array = NDArray[np.float64]
@@ -31,6 +31,8 @@ Drawn = tuple[Array, bool, "Array | None"]  # knots, whether they are a lap, the
 
 SHARES = (0.3, 0.95)
 TOO_FAST = (1.05, 1.4)
+MOST_STAMP = 1e19  # of a time, counted from anywhere: of now in nanoseconds, too
+LONGEST = 1e5  # s, of a reference: two million control periods
 SLOW = 2e-3  # m/s in the mean: times of a slower one are in milliseconds, most likely
 _FINE = 240  # knots of a smooth curve
 _START_OFFSET, _START_TURN = 0.3, 0.3  # m, rad
@@ -64,31 +66,28 @@ class ReferenceScenario(PathScenario):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        timed = isinstance(self.times, list | tuple) and not len(self.knots)
-        if self.path.closed and timed and len(self.times) == len(self.path.points) + 1:
-            # it returns to where it began, and rests there
-            points = np.vstack([self.path.points, self.path.points[:1]])
-            object.__setattr__(self, "path", Path(points))
         count = len(self.path.points)
-        for name, most in (("times", LONGEST), ("headings", MOST_TURN)):
+        for name, most in (("times", MOST_STAMP), ("headings", MOST_TURN)):
             given = getattr(self, name)
             if isinstance(given, list | tuple) and not len(given) and (name == "headings" or len(self.knots)):
                 continue
             if isinstance(given, list | tuple) and not len(given):
                 raise ValueError(
-                    f"times are missing; a reference is a .json with one, in s, for each of its {count} points"
+                    f"times are missing; a reference has one, in s, for each of its {count} points: the list times of "
+                    "a .json, or the column time of a table"
                 )
             if not isinstance(given, list | tuple) or len(given) != count:
                 many = f"{len(given)} numbers" if isinstance(given, list | tuple) else shown(given)
                 raise ValueError(f"{name} is {many}; the path has {count} points, and each needs one")
-            samples = numbers_of(name, given, count, "one a point")
-            if max(map(abs, samples)) > most:
-                raise ValueError(f"{name} has a number beyond {most:g}")
-            object.__setattr__(self, name, samples)
+            object.__setattr__(self, name, numbers_of(name, given, count, "one a point", most))
         for i, (before, behind) in enumerate(itertools.pairwise(self.times)):
             if not behind > before:
-                raise ValueError(f"times[{i + 1}] is {behind:g} after {before:g}; times must increase")
+                raise ValueError(f"times[{i + 1}] is {behind:.12g} after {before:.12g}; times must increase")
         object.__setattr__(self, "times", tuple(each - self.times[0] for each in self.times))
+        if self.times and self.times[-1] > LONGEST:
+            raise ValueError(
+                f"times go on for {self.times[-1]:g} s; a reference lasts at most {LONGEST:g} s, times are in seconds"
+            )
         self._check_headings()
         if not len(self.knots):
             object.__setattr__(self, "knots", _through(self.path.points, self.times))

@@ -33,6 +33,12 @@ _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+", re.ASCII)
 _WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+")
 _AS_X = {"easting": "x", "east": "x", "tx": "x", "northing": "y", "north": "y", "ty": "y"}
 _UNITS = {**dict.fromkeys(("m", "meter", "meters", "metre", "metres"), 1.0), "cm": 0.01, "mm": 0.001}
+_AS_TIME = {"t", "time", "times", "stamp", "timestamp", "sec", "secs", "seconds"}
+_TICKS = {
+    **dict.fromkeys(("ms", "msec", "msecs", "millis"), 1e-3), **dict.fromkeys(("us", "usec", "usecs"), 1e-6),
+    **dict.fromkeys(("ns", "nsec", "nsecs", "nanosec"), 1e-9),
+}  # fmt: skip
+_CLOCK = 1e11  # s, that no clock shows before the year 5138
 _BESIDE_X: tuple[frozenset[str], ...] = (
     frozenset(),
     frozenset(_UNITS),
@@ -52,10 +58,11 @@ class _Layout:
     first_row: int  # index of the first line with data
     delimiter: str | None  # of _SEPARATORS
     width: int  # columns of the first row
-    columns: tuple[int, int]  # of x and y
+    columns: tuple[int, ...]  # of x and y, and where asked for that of the time
     named: bool  # whether a header named the columns
     circuit: bool  # closed although the last point does not repeat the first
     unit: float  # m, of x and y
+    tick: float  # s, of the time
 
 
 _POSES = "".join(f"{x}, 0.5, 0, 0, 0, 0, 1\n" for x in range(5))
@@ -85,14 +92,33 @@ def path_from_table(file: str, scale: float = 1.0, closed: bool | None = None) -
         ValueError: if the file is no such table; one line that starts with file:line.
         OSError: if it cannot be opened, FileNotFoundError if there is none.
     """
+    return _read(file, scale, closed)[0]
+
+
+@reader("reference table", "reference.csv", {"reference.csv": "t,x,y\n0,0,0\n4,1,0.5\n8,2,0\n12,3,1\n"})
+def timed_path_from_table(file: str, scale: float = 1.0) -> tuple[Path, tuple[float, ...]]:
+    """Returns the open path of a text table, as `path_from_table`, and the times (s) of its points; () without any.
+
+    Times are in the column named t, time, stamp or timestamp, with a unit or in seconds, or before the seven columns of
+    poses. Without a unit, stamps that no clock shows in seconds are in milli-, micro- or nanoseconds, as ROS has them.
+
+    Raises:
+        ValueError, OSError: as `path_from_table`.
+    """
+    return _read(file, scale, False, timed=True)
+
+
+def _read(file: str, scale: float, closed: bool | None, timed: bool = False) -> tuple[Path, tuple[float, ...]]:
+    """Returns the path of a table, and the times of its points where they are asked for and there."""
     lines = read_text(file).replace('"', "").replace("\r\n", "\n").replace("\r", "\n").split("\n")
     last = {line.rstrip()[-1:] for line in lines if _fields(line, None)}
     if last in ({","}, {";"}):
         lines = [line.rstrip().removesuffix(*last) for line in lines]
     if len(lines) > 2 * MOST_POINTS:
         raise _fault(file, 2 * MOST_POINTS, f"the table goes on; it must have at most {MOST_POINTS} points")
-    layout = _layout(file, lines)
-    points = _points(file, lines, layout)
+    layout = _layout(file, lines, timed)
+    table = _points(file, lines, layout)
+    points, times = np.ascontiguousarray(table[:, :2]), table[:, 2:].ravel().tolist()
     first = points[0].tolist()
     scale *= layout.unit
     with np.errstate(over="ignore"):  # an infinite product is reported below
@@ -123,7 +149,10 @@ def path_from_table(file: str, scale: float = 1.0, closed: bool | None = None) -
         kind = "a closed path" if closed else "a path"
         line = _line_of(lines, layout, len(points) - 1)
         raise _fault(file, line, f"the table ends after {len(points)} distinct point(s); {kind} needs at least {least}")
-    return Path(points, closed)
+    tick = layout.tick
+    while times and abs(times[0]) * tick > _CLOCK:
+        tick *= 1e-3
+    return Path(points, closed), tuple(tick * each for each in times)
 
 
 def closing(
@@ -168,8 +197,8 @@ def origin_to_subtract(first: Sequence[Any], scale: float) -> str:
     return f"; subtract an origin near the path from all points, such as ({x:.0f}, {y:.0f})" if far else ""
 
 
-def _layout(file: str, lines: list[str]) -> _Layout:
-    """Returns the layout of the table, from its header, if any, and its first row."""
+def _layout(file: str, lines: list[str], timed: bool) -> _Layout:
+    """Returns the layout of the table, from its header, if any, and its first row; timed: with the column of times."""
     names: list[str] = []
     columns = None
     for i, line in enumerate(lines):
@@ -213,7 +242,11 @@ def _layout(file: str, lines: list[str]) -> _Layout:
         circuit = {name.lower() for name in names} >= _TRACK_WIDTHS
         units = [_UNITS[each] for each in _words(names[columns[0]]) if each in _UNITS] if columns else []
         x = 1 if len(fields) == _POSE_COLUMNS[1] else 0
-        return _Layout(i, delimiter, len(fields), columns or (x, x + 1), bool(names), circuit, *(units[:1] or [1.0]))
+        clock = [k for k, name in enumerate(names) if set(_words(name)) & _AS_TIME] if columns else [0] * x
+        ticks = [_TICKS[each] for each in _words(names[clock[0]]) if each in _TICKS] if columns and clock else []
+        placed = (*(columns or (x, x + 1)), *(clock[:1] if timed else ()))
+        scales = *(units[:1] or [1.0]), *(ticks[:1] or [1.0])
+        return _Layout(i, delimiter, len(fields), placed, bool(names), circuit, *scales)
     raise _fault(file, len(lines), "the table has no points")
 
 

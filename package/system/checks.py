@@ -71,8 +71,8 @@ def number(
     return numeral
 
 
-def numbers_of(field: str, values: Any, count: int, meaning: str) -> tuple[float, ...]:
-    """Returns `count` finite numbers, at most FARTHEST in size, as a tuple of floats.
+def numbers_of(field: str, values: Any, count: int, meaning: str, most: float = FARTHEST) -> tuple[float, ...]:
+    """Returns `count` finite numbers, at most `most` in size, as a tuple of floats.
 
     Args:
         field: what the message calls the values.
@@ -86,7 +86,7 @@ def numbers_of(field: str, values: Any, count: int, meaning: str) -> tuple[float
     listed = isinstance(values, Iterable) and hasattr(values, "__len__") and not isinstance(values, str | bytes | dict)
     if not listed or len(values) != count:
         raise ValueError(f"{field} is {shown(values)}; it must be {count} numbers ({meaning})")
-    return tuple(number(f"{field}[{i}]", item) for i, item in enumerate(values))
+    return tuple(number(f"{field}[{i}]", item, most=most) for i, item in enumerate(values))
 
 
 def pose(field: str, values: Any) -> tuple[float, float, float]:

@@ -22,6 +22,7 @@ ALLOWED = {
     ("system/storage.py", "_alive"): "the system's word about a process",
     ("system/objects.py", "read_text"): "called by the readers of tables, scenarios and data sheets",
     ("system/objects.py", "json_object"): "called by the readers of scenarios and data sheets",
+    ("envs/scenarios/tables.py", "_read"): "called by the readers of tables",
     ("envs/scenarios/tables.py", "_points"): "parses lines that were read already",
     ("envs/scenarios/splits.py", "_read"): "called by the reader of splits",
     ("envs/scenarios/recordings.py", "_read"): "called by the readers of recordings",

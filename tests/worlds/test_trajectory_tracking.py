@@ -12,7 +12,7 @@ import pytest
 from wayfield.envs.robots import ROBOTS
 from wayfield.envs.robots.kinematics import integrate_arc
 from wayfield.envs.robots.references import RAMP, SAMPLE, base_of, fill, lay_out
-from wayfield.envs.scenarios import TASKS, split
+from wayfield.envs.scenarios import TASKS, path_scenarios, split
 from wayfield.envs.scenarios.reference_families import REFERENCE_FAMILIES, REFERENCE_SCENARIOS
 from wayfield.envs.scenarios.reference_proofs import FLOOR, PROVERS, proof
 from wayfield.system.objects import FileNote
@@ -111,6 +111,11 @@ def test_rewards_are_those_of_the_sheet_and_the_cost_is_told_whatever_they_are()
         ({"times": [0, 9, 18, 27], "headings": [0, 0, 1.5, 1.5]}, r"moves sideways at [\d.]+ m/s at [\d.]+ s"),
         ({"times": [0, 9, 18, 27], "headings": [0, 90, 90, 180]}, r"headings\[1\] is 90; headings are in rad"),
         ({"times": [0, 9, 18, 27], "start": [2, 0, 0]}, "up to 2 m from where the reference begins"),
+        ({"times": [0, 9, 18, 1e6]}, r"times go on for 1e\+06 s; a reference lasts at most 100000 s"),
+        (
+            {"reference": [[0, 0], [2, 0], [0, 0]], "times": [0, 9, 18]},
+            "turn it along the path",
+        ),
     ],
 )
 def test_what_cannot_be_followed_is_refused_in_a_line(tmp_path: Path, more: dict[str, Any], told: str) -> None:
@@ -119,6 +124,24 @@ def test_what_cannot_be_followed_is_refused_in_a_line(tmp_path: Path, more: dict
     with pytest.raises(ValueError, match=told) as found:
         gymnasium.make(IDS[False], scenario=str(file), actuators="lagged")
     assert len(str(found.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    "header", ["t,x,y", "time_ms,x,y", "time[us],x,y", "%time,field.position.x,field.position.y", ""]
+)
+@pytest.mark.parametrize("first", [0.0, 1.7e9])
+def test_a_table_with_times_is_the_reference_of_the_lists(tmp_path: Path, header: str, first: float) -> None:
+    points, times = [[0, 0], [1, 0.3], [2, 0], [0, 0]], [0.0, 4.0, 8.0, 16.0]
+    tick = {"time_ms,x,y": 1e3, "time[us],x,y": 1e6}.get(header, 1e9 if "field" in header and first else 1.0)
+    tail = "" if header else " 0 0 0 0 1"
+    rows = [f"{(first + t) * tick:.0f} {x} {y}{tail}" for t, (x, y) in zip(times, points, strict=True)]
+    (tmp_path / "mine.csv").write_text("\n".join([header, *rows]).replace(" ", ",") if header else "\n".join(rows))
+    (tmp_path / "named.json").write_text('{"reference": "mine.csv"}')
+    (tmp_path / "lists.json").write_text(json.dumps({"reference": points, "times": [first + t for t in times]}))
+    found = [path_scenarios(str(tmp_path / each), 1.0, TASKS["trajectory_tracking"])[0].knots
+             for each in ("mine.csv", "named.json", "lists.json")]  # fmt: skip
+    np.testing.assert_allclose(found[0], found[2], atol=1e-5)
+    np.testing.assert_array_equal(found[0], found[1])
 
 
 def test_times_in_milliseconds_are_noticed(tmp_path: Path) -> None:
