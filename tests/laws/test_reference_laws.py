@@ -248,6 +248,13 @@ def test_no_gain_is_without_an_effect(name: str) -> None:
         assert (found != usual).any(), each.name
 
 
+@pytest.mark.parametrize(("robot", "family"), [("p3dx", "eights"), ("omni3", "facing_eights")])
+def test_the_twist_of_a_reference_alone_leads_along_it(robot: str, family: str) -> None:
+    scenarios = list(split("trajectory_tracking", family, "test"))[:8]
+    found, _ = errors(make("feed_forward"), 600, len(scenarios), scenario=scenarios, robot=robot)
+    assert found.max() < 0.05
+
+
 def test_samson_holds_what_is_thrown_anywhere() -> None:
     (eight,) = TASKS["trajectory_tracking"].presets["eight_2m"]()
     thrown = dataclasses.replace(eight, start_offset=0.7, start_turn=3.14, corridor=10.0)
