@@ -4,8 +4,10 @@ const KEYBOARD = "you, by keyboard or pad";
 const GHOST = "a friend (ghost)"; // what a link carries of a run by hand
 const MOTORS = { ideal: "perfect", lagged: "normal", slow: "sluggish" };
 const FAST = 6; // ms of a frame for the simulator
+const WAITED = 50; // ms, of a frame that waits for it
 const IDLE = 14; // ms at a time while nothing plays
 const AHEAD = 3000; // ms to catch up at once
+const LEAD = 40; // steps that all who drive are ahead of the picture
 const REASONS = [["mpc", "solves its problem with OSQP"], ["ppo", ""], ["agent", ""],
   ["nav2", "keeps a cost map that the page does not carry"], ["central", "plans for all at once, in Python"], ...["team_guided", "team_scan", "people_free", "any_robot"].map((each) => [each, "its weights are not in this file"])]; // why not here
 
@@ -34,8 +36,7 @@ class Drive {
     this.kernels = kernels;
     this.free = free; // whether the robot is chosen here
     this.runs = []; // what the page drives: what was asked, the actor, whether it is to be driven
-    this.jobs = [null, null]; // the runs that are driven now, with their simulators: the second one in a memory of its own
-    this.twin = null; // that memory, once there are two panes
+    this.jobs = new Map(); // the runs that are driven now, with their simulators
     this.hand = null; // the run that is driven by hand
     this.held = new Set(); // keys that are down
     this.fingers = new Map(); // the button of the pad that each finger is on, by its pointer
@@ -90,7 +91,7 @@ class Drive {
     replay.ends = () => this.race.tellScene();
     replay.waits = (actor) => this.runs.some((run) => run.actor === actor && run.pending);
     replay.leaves = (actor) => this.forget(this.runs.find((run) => run.actor === actor));
-    replay.splits = async () => { this.twin = this.twin || await this.kernels.twin(); this.wake(); };
+    replay.ready = () => this.ready();
     replay.canvas.addEventListener("keyup", (event) => this.key(event, false));
     replay.canvas.addEventListener("blur", () => this.held.clear());
   }
@@ -202,9 +203,7 @@ class Drive {
     this.result.textContent = "";
     for (const label of this.able()) if (!this.runs.some((run) => run.asked.label === label && !run.asked.from)) this.add({ label }, false);
     this.replay.split(null);
-    this.many = true;
     this.offer();
-    this.tellProgress();
     this.replay.seek(0);
     this.replay.toggle(true);
     this.wake();
@@ -249,7 +248,6 @@ class Drive {
     this.endHand();
     for (const label of from ? [] : this.race.rivals()) if (!this.runs.some((run) => run.asked.label === label)) this.add({ label }, false);
     const run = this.add({ label: KEYBOARD, from, step });
-    this.abort();
     this.hand = run;
     this.replay.toggle(false);
     try {
@@ -340,7 +338,6 @@ class Drive {
 
   endHand() {
     if (!this.hand) return;
-    this.abort(); // its simulator lies below that of the job
     this.race.clear();
     this.replay.pace(PLAYBACK);
     if (this.hand.simulator) this.hand.simulator.free();
@@ -355,7 +352,7 @@ class Drive {
 
   forget(run, listed = false) {
     if (!run) return;
-    this.jobs.forEach((job, k) => { if (job && job.run === run) this.abort(k); });
+    this.abort(run);
     if (this.hand === run) this.endHand();
     this.runs = this.runs.filter((each) => each !== run);
     if (listed) this.replay.actors = this.replay.actors.filter((actor) => actor !== run.actor);
@@ -372,10 +369,10 @@ class Drive {
   }
 
   // Stops the runs that are driven now, or one of them: they begin anew when their turn comes.
-  abort(...lanes) {
-    for (const lane of lanes.length ? lanes : [0, 1]) {
-      if (this.jobs[lane]) this.jobs[lane].simulator.free();
-      this.jobs[lane] = null;
+  abort(...runs) {
+    for (const run of runs.length ? runs : this.jobs.keys()) {
+      if (this.jobs.has(run)) this.jobs.get(run).simulator.free();
+      this.jobs.delete(run);
     }
   }
 
@@ -386,11 +383,10 @@ class Drive {
     if (this.hand === run) { this.hand = null; this.forget(run, true); this.replay.listActors(); }
   }
 
-  begin(run, byHand = false, lane = 0) {
+  begin(run, byHand = false) {
     const { replay } = this;
-    const kernels = lane ? this.twin : this.kernels;
     const { from, step, conditions, label, gains } = run.asked;
-    const simulator = new Simulator(kernels, replay.world, conditions);
+    const simulator = new Simulator(this.kernels, replay.world, conditions);
     try {
       const draft = { x: [], y: [], heading: [], error: replay.world.kind === "path" ? [] : null, others: [] };
       const note = this.again(simulator, run.asked);
@@ -404,7 +400,7 @@ class Drive {
       if (run.actor.x.length < 2) Object.assign(run.actor, draft, { outcome: "", version: run.actor.version + 1 });
       const target = run.actor.x === draft.x ? run.actor : draft;
       if (byHand) Object.assign(run, { simulator, target, pilot });
-      else this.jobs[lane] = { run, simulator, pilot, target };
+      else this.jobs.set(run, { simulator, pilot, target });
     } catch (error) {
       simulator.free();
       throw error;
@@ -469,17 +465,9 @@ class Drive {
     actor.note = [run.exact, run.measures.error === null ? "" : `${short(1000 * run.measures.error)} mm off (RMS)`, `${run.measures.time.toFixed(2)} s`].filter(Boolean).join(", ");
     if (run === this.hand) this.race.over(run);
     else this.race.tell();
-    this.tellProgress();
     if (run === this.hand || this.runs.length === 1) say(`${actor.label}: ${OUTCOMES[outcome]} after ${run.measures.time.toFixed(2)} s.`);
     this.replay.listActors();
     this.gains.compare();
-  }
-
-  // How many are still to be driven, while many are.
-  tellProgress() {
-    const left = this.runs.filter((run) => run.pending).length;
-    if (this.many) this.result.textContent = left ? `${this.runs.length - left} of ${this.runs.length} computed …` : "";
-    if (!left) this.many = false;
   }
 
   // What a run is compared by.
@@ -493,34 +481,39 @@ class Drive {
       clearance: solid ? Math.min(...clearances(actor, world)) : null };
   }
 
-  // What is to be driven in a memory: the run of its pane before all others, and of the others the one that is on its way.
-  next(lane = 0) {
-    const { chosen, other } = this.replay;
-    const of = (actor) => this.runs.find((run) => run.pending && run.actor === actor);
-    if (lane) return this.twin && of(other);
-    const beside = this.next(1);
-    return of(chosen) || (this.jobs[0] && this.jobs[0].run !== beside && this.jobs[0].run) || this.runs.find((run) => run.pending && run !== beside);
+  // What is to be driven next: while the picture plays whoever is not ahead of it, else the run of its panes before all others,
+  // and of the others one to its end.
+  next() {
+    const { chosen, other, playing, step } = this.replay;
+    const pending = this.runs.filter((run) => run.pending);
+    const far = (run) => (this.jobs.has(run) ? this.jobs.get(run).target.x.length : 0);
+    const late = playing && pending.filter((run) => !run.actor.hidden && far(run) < step + LEAD).sort((a, b) => far(a) - far(b))[0];
+    const of = (actor) => pending.find((run) => run.actor === actor);
+    return late || of(chosen) || of(other) || pending.find((run) => this.jobs.has(run)) || pending[0];
+  }
+
+  // How far all have been driven that come into the picture as they are: it waits for them, but not while the hand drives.
+  ready() {
+    const under = this.runs.filter(({ actor, pending }) => pending && !actor.hidden);
+    const fresh = under.filter((run) => (this.jobs.has(run) ? this.jobs.get(run).target === run.actor : run.actor.x.length < 2));
+    return this.drives ? Infinity : Math.min(...fresh.map(({ actor }) => actor.x.length - 1));
   }
 
   // Drives what is to be driven for some milliseconds; returns whether anything is left.
   pump(budget) {
     const begun = performance.now();
-    while (performance.now() - begun < budget) {
-      const wanted = [0, 1].map((each) => this.next(each));
-      if (!wanted[0] && !wanted[1]) return false;
-      wanted.forEach((run, each) => { if (this.jobs[each] && this.jobs[each].run !== run) this.abort(each); }); // who is looked at goes first
-      const reached = wanted.map((run, each) => (!run ? Infinity : this.jobs[each] ? this.jobs[each].target.x.length : 0));
-      const lane = reached[1] < reached[0] ? 1 : 0;
+    for (let run = this.next(); run; run = this.next()) {
+      if (performance.now() - begun >= budget) return true;
       try {
-        if (!this.jobs[lane]) this.begin(wanted[lane], false, lane);
-        const { run, simulator, pilot, target } = this.jobs[lane];
+        if (!this.jobs.has(run)) this.begin(run);
+        const { simulator, pilot, target } = this.jobs.get(run);
         if (!this.tick(run, simulator, pilot.act(), target)) continue;
       } catch (error) {
-        this.failed(wanted[lane], error);
+        this.failed(run, error);
       }
-      this.abort(lane);
+      this.abort(run);
     }
-    return Boolean(this.next() || this.next(1));
+    return false;
   }
 
   // While the picture plays: the hand in the time that has passed, the others as far as the frame has room.
@@ -536,8 +529,10 @@ class Drive {
       if (this.drives) this.race.watch();
       replay.view.takeIn([hand.actor.x[hand.actor.x.length - 1], hand.actor.y[hand.actor.y.length - 1]], 2 * HULLS[replay.robot]);
     }
-    this.pump(this.looks.on ? 0.5 * FAST : FAST);
+    this.pump(this.ready() < due ? WAITED : this.looks.on ? 0.5 * FAST : FAST);
     replay.stretch();
+    const [told, waits] = [this.result.textContent, this.ready() < due - 1 ? "The picture waits: all that drive in it are computed now." : ""];
+    if (waits !== told && [waits, told].every((each) => !each || each.startsWith("The picture waits"))) this.result.textContent = waits;
   }
 
   // Drives on while nothing plays.
@@ -545,7 +540,7 @@ class Drive {
     if (this.awake) return;
     this.awake = true;
     const turn = () => {
-      const left = this.replay.playing ? Boolean(this.next() || this.next(1)) : this.pump(IDLE);
+      const left = this.replay.playing ? Boolean(this.next()) : this.pump(IDLE);
       const now = performance.now();
       if (!this.replay.playing && (!left || now - (this.shownAt || 0) > 120)) {
         this.shownAt = now;

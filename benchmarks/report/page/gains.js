@@ -86,7 +86,7 @@ class Gains {
       drive.replay.actors[drive.replay.actors.length - 1].ghost = false;
     }
     if (!changed && untouched) drive.forget(untouched, true);
-    if (drive.jobs.some((job) => job && job.run === run)) drive.abort();
+    drive.abort(run);
     run.pending = true;
     drive.replay.choose(run.actor);
     drive.catchUp();

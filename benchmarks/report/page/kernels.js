@@ -30,6 +30,7 @@ class Kernels {
   constructor(tables) {
     this.tables = tables;
     this.plans = new Map();
+    this.users = []; // simulators in the order of their room
     this.blobs = tables.blobs.map(() => null);
   }
 

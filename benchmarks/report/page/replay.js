@@ -197,7 +197,6 @@ class Replay {
     const [x0, y0, x1, y1] = this.view.bounds;
     this.board.classList.toggle("split", Boolean(other));
     this.board.classList.toggle("stacked", Boolean(other) && x1 - x0 > 1.6 * (y1 - y0)); // a wide scene fills the picture so
-    if (other && this.splits) this.splits();
     this.splitButton.setAttribute("aria-pressed", Boolean(other));
     this.listActors();
     this.view.stale = this.otherView.stale = true;
@@ -312,7 +311,10 @@ class Replay {
       due = (Math.abs(due - this.step) > 1 ? this.step : due) + (before === null ? 0 : (Math.min(now - before, 200) / 1000 / DT) * this.rate);
       before = now;
       if (this.advance) this.advance(Math.floor(due)); // a robot that drives now makes the time
-      this.seek(Math.min(Math.floor(due), this.last));
+      const ready = this.ready ? this.ready() : Infinity;
+      const waits = due > ready && this.step >= ready; // nothing new to draw
+      due = Math.min(due, Math.max(ready, this.step));
+      if (!waits) this.seek(Math.min(Math.floor(due), this.last));
       this.script = performance.now() - begun;
       if (this.step >= this.last && !(this.busy && this.busy())) this.toggle(false);
       else requestAnimationFrame(frame);

@@ -230,7 +230,7 @@ function drawActor(context, actor, k, hull, pixel, chosen) {
 
 const MANY = 6; // robots, whose names would be a pile
 
-// Who is who, above the robots or below, one above the other where few stand close; those on one spot share a name.
+// Who is who, above the robots or below, one above the other where few stand close; of many those on one spot share a name.
 function drawNames(context, view, actors, k, hull, pixel) {
   const placed = [];
   const [middle, height] = [view.centre[0] * view.pixels, -view.centre[1] * view.pixels];
@@ -243,17 +243,17 @@ function drawNames(context, view, actors, k, hull, pixel) {
   for (const { x, y, label, policy, outcome } of actors) {
     const last = Math.min(k, x.length - 1);
     if (k > last && !outcome) continue; // it waits
-    const same = spots.find((spot) => Math.hypot(spot.x - x[last], spot.y - y[last]) < 0.7 * hull);
+    const same = actors.length > MANY && spots.find((spot) => Math.hypot(spot.x - x[last], spot.y - y[last]) < 0.7 * hull);
     if (same) same.more += 1;
     else spots.push({ x: x[last], y: y[last], name: label.replace(/ \(.*\)/, ""), policy, more: 0 });
   }
   for (const { x, y, policy, more, ...spot } of spots) {
-    const name = more ? `${spot.name} +${more}` : spot.name;
+    const name = more ? `${spot.name} and ${more} more` : spot.name;
     const half = context.measureText(name).width / 2 + 4;
     const room = Math.max(view.width / 2 - half, 0);
     const at = Math.min(Math.max(x / pixel, middle - room), middle + room);
     const [above, below] = [(-y - hull) / pixel - 6, (-y + hull) / pixel + 16];
-    const free = (actors.length > MANY ? [0, -1] : [0, 1, 2, -1, -2]).map((row) => (row < 0 ? below - 16 * (row + 1) : above - 16 * row))
+    const free = (actors.length > MANY ? [0, -1] : [0, 1, 2, 3, 4, 5, -1, -2, -3, -4]).map((row) => (row < 0 ? below - 16 * (row + 1) : above - 16 * row))
       .find((foot) => Math.abs(foot - 5 - height) < view.height / 2 - 8 && placed.every(([px, py, ph]) => Math.abs(px - at) > ph + half || Math.abs(py - foot) >= 16));
     if (free === undefined) continue;
     placed.push([at, free, half]);

@@ -49,6 +49,7 @@ class Simulator {
     this.ends = new Array(this.team).fill("");
     this.build(`${robot} ${actuators} ${disturbance}`);
     this.each = this.alive.map((_, row) => Object.assign(Object.create(this), { row })); // as the pilots of each see it
+    kernels.users.push(this);
   }
 
   build(conditions) {
@@ -362,7 +363,10 @@ class Simulator {
       frames: this.toldFrames, cells: arrays.cells };
   }
 
+  // Its room is given back once all that came after it is free too.
   free() {
-    this.kernels.release(this.begun);
+    const { users } = this.kernels;
+    this.freed = true;
+    while (users.length && users[users.length - 1].freed) this.kernels.release(users.pop().begun);
   }
 }

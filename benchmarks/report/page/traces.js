@@ -48,11 +48,12 @@ class Trace {
     view.measure();
     if (!view.width) return;
     const key = [view.width, last, chosen && chosen.policy, actors.length, actors.map((actor) => `${actor.x.length}.${actor.version || 0}`).join()].join("|");
-    const now = performance.now(); // while runs grow, some times a second
-    if (!this.picture || changed || (key !== this.key && now - this.drawnAt > 200)) {
+    const now = performance.now(); // while runs grow, some times a second, for a small share of the time
+    if (!this.picture || changed || (key !== this.key && now - this.drawnAt > Math.max(200, 40 * this.took))) {
       this.key = key;
-      this.drawnAt = now;
       this.picture = this.curves(actors, world, last, chosen);
+      this.drawnAt = performance.now();
+      this.took = this.drawnAt - now;
     }
     const { context, ratio } = view;
     context.setTransform(1, 0, 0, 1, 0, 0);
