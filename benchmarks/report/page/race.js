@@ -2,6 +2,7 @@
 
 const RIVALS = ["astar_tracker", "vfh_plus", "orca_team", "reeds_shepp", "polar", "dwa", "lqr", "pure_pursuit"];
 const BEST = "wayfield best times"; // in the browser's storage
+const CLEAR = 30; // px around what a card must not cover
 const MEDALS = ["gold", "silver", "bronze"];
 const ENDED = { success: "Finished in", collision: "Crashed after", left_corridor: "Off the path after", timeout: "Out of time:" };
 const ABOUT = "Beat controllers and a trained network by hand, or watch them drive.";
@@ -37,10 +38,15 @@ class Race {
     this.run = null; // whose result is shown
     this.banner = el("div", { class: "banner", hidden: true, role: "status" });
     drive.replay.board.append(this.banner);
+    new ResizeObserver(() => {
+      if (this.banner.matches(".count, [hidden]")) return;
+      this.replay.fit();
+      this.settle();
+    }).observe(this.replay.canvas);
     if (this.challenges.length) this.lay();
     document.addEventListener("keydown", (event) => {
       const key = event.key.toLowerCase();
-      const act = key === "r" ? this.drive.hand && (() => this.again()) : key === "enter" && event.target === this.replay.canvas && this.begin;
+      const act = key === "r" ? this.drive.hand && (() => this.again()) : key === "escape" ? !this.banner.matches(".count, [hidden]") && (() => this.close()) : key === "enter" && event.target === this.replay.canvas && this.begin;
       if (!act || event.ctrlKey || event.metaKey || event.altKey || /INPUT|SELECT/.test(event.target.tagName)) return;
       event.preventDefault();
       act();
@@ -87,7 +93,7 @@ class Race {
     const { replay } = this;
     if (run.tape.length && this.late) return "The others have ended. Drive on, or press “Race it” to start again.";
     const turn = coarse() ? `hold “ahead” to drive, ${run.simulator.body.axes.length > 2 ? "“turn left” and “turn right”" : "“left” and “right”"} to turn` : "hold ↑ to drive, ← and → to turn";
-    return `${ASKED[replay.world.kind] || "Drive to the star"}: ${turn}${run.simulator.body.axes.length > 2 ? "; it goes sideways too" : ""}.${run.tape.length ? "" : " The clock waits for your first press."}`;
+    return `${ASKED[replay.world.kind] || "Drive to the star"}: ${turn}${run.simulator.body.axes.length > 2 ? "; it goes sideways too" : ""}. ${run.tape.length ? replay.actors.length > 1 ? "You pass through the other racers." : "" : "The clock waits for your first press."}`;
   }
 
   // Whether nobody else is on the way.
@@ -219,8 +225,9 @@ class Race {
     const show = (left) => {
       this.begin = null;
       hint.hidden = true;
-      this.say(el("strong", {}, left ? String(left) : "Go!"));
-      this.banner.classList.add("count");
+      this.banner.className = "banner count";
+      this.banner.replaceChildren(el("strong", {}, left ? String(left) : "Go!"));
+      this.banner.hidden = false;
       canvas.focus({ preventScroll: true });
       if (left) this.timer = setTimeout(() => show(left - 1), 700);
     };
@@ -253,19 +260,37 @@ class Race {
     this.banner.hidden = this.replay.hint.hidden = true;
   }
 
-  // A card in that half of the picture in which the robot is not; where it needs more, the picture makes way.
+  close() {
+    this.clear();
+    this.drive.rest();
+    this.replay.fit();
+    this.tellScene();
+    this.replay.canvas.focus({ preventScroll: true });
+  }
+
+  // A card above or below, where it covers fewer of the robots and of where they are to arrive; the picture makes way for the rest.
   say(...parts) {
-    const { replay, replay: { view, canvas, chosen, step } } = this;
-    const k = chosen ? Math.min(step, chosen.x.length - 1) : -1;
-    this.banner.className = `banner${k >= 0 && chosen.y[k] <= view.centre[1] ? " high" : ""}`;
+    this.banner.className = "banner";
     this.banner.replaceChildren(...parts.filter(Boolean));
     this.banner.hidden = false;
-    if (k < 0) return;
-    const [card, picture] = [this.banner, canvas].map((each) => each.getBoundingClientRect());
-    const at = picture.top + picture.height / 2 - (chosen.y[k] - view.centre[1]) * view.pixels;
-    const high = card.top - picture.top < picture.bottom - card.bottom;
-    const free = high ? picture.bottom - card.bottom : card.top - picture.top;
-    if (at > card.top - 24 && at < card.bottom + 24) view.moveBy(0, (high ? card.bottom + free / 2 : picture.top + free / 2) - at);
+    this.settle();
+  }
+
+  settle() {
+    const { replay, replay: { view, canvas, step, world: { goal, path, closed } } } = this;
+    view.measure();
+    const { top, height } = canvas.getBoundingClientRect();
+    const ends = replay.actors.filter((actor) => actor.x.length && !actor.hidden).map(({ x, y }) => [x[Math.min(step, x.length - 1)], y[Math.min(step, y.length - 1)]]);
+    const places = [...ends, goal || (path && path[closed ? 0 : path.length - 1])].filter(Boolean);
+    const room = (high) => {
+      this.banner.classList.toggle("high", high);
+      const card = this.banner.getBoundingClientRect();
+      return high ? [card.bottom - top, height] : [0, card.top - top];
+    };
+    const covered = ([from, to]) => places.filter(([, y]) => Math.abs(view.row(y) - 0.5 * (from + to)) > 0.5 * (to - from) - CLEAR).length;
+    const high = covered(room(true)) < covered(room(false));
+    const free = room(high);
+    if (covered(free)) view.makeWay(places, ...free, CLEAR);
     replay.refresh();
   }
 
@@ -292,26 +317,26 @@ class Race {
     const medal = rivals.length && place >= 0 ? MEDALS[place] || "" : "";
     if (place >= 0) this.keep(steps(run.actor) * DT, medal);
     // the better medals
-    const wanted = rivals.every(({ outcome }) => outcome) ? Array.from({ length: Math.min(place < 0 ? 3 : place, 3, rivals.length) }, (_, k) => k).reverse() : [];
-    const better = wanted.map((k) => `${MEDALS[k]} ${times[k] ? `within ${seconds(times[k])}` : "for any finish"}`);
+    const wanted = rivals.every(({ outcome }) => outcome) ? Array.from({ length: Math.min(place < 0 ? 3 : place, 3, rivals.length) }, (_, k) => k) : [];
+    const better = wanted.map((k) => `${MEDALS[k]}: ${times[k] ? seconds(times[k]) : "any finish"}`);
     const order = [...field].sort((a, b) => arrived(b) - arrived(a) || Boolean(a.outcome) - Boolean(b.outcome) || steps(a) - steps(b) || (b === run.actor) - (a === run.actor));
     const shown = order.length > 6 ? order.filter((actor, k) => k < 4 || actor === run.actor) : order;
-    const rows = shown.map((actor) => el("li", { class: actor === run.actor ? "mine" : "" }, el("span", {}, actor === run.actor ? "you" : actor.label.replace(/ \(.*\)/, "")), el("span", {}, arrived(actor) ? seconds(steps(actor)) : OUTCOMES[actor.outcome] || "still drives")));
+    const rows = shown.map((actor) => el("li", { class: actor === run.actor ? "mine" : "" }, el("span", {}, actor === run.actor ? "you" : actor.label.replace(/ \(.*\)/, "")), el("span", {}, arrived(actor) ? seconds(steps(actor)) : (OUTCOMES[actor.outcome] || "still driving").replace("ran ", ""))));
     const next = this.nth >= 0 && this.nth + 1 < this.challenges.length;
     const forward = next && medal === "gold" ? "go" : null;
     this.say(this.ended(run, ENDED[run.actor.outcome]),
       ...(place < 0 || !rivals.length ? [] : [el("p", { class: medal ? `medal ${medal}` : "" }, `${medal ? medal[0].toUpperCase() + medal.slice(1) : "No"} medal`),
         el("p", {}, `${["1st", "2nd", "3rd"][place] || `${place + 1}th`} of ${rivals.length + 1}${times.includes(steps(run.actor)) ? ", a tie" : ""}`)]),
-      rivals.length ? el("ol", { class: "order" }, rows, shown.length < order.length ? el("li", {}, el("span", {}, `and ${order.length - shown.length} others`), el("span")) : null) : null, friend ? el("p", { class: "needed" }, this.beside(run.actor, friend)) : null, better.length ? el("p", { class: "needed" }, `Needed: ${better.join(", ")}.`) : null,
+      rivals.length ? el("ol", { class: "order" }, rows, shown.length < order.length ? el("li", {}, el("span", {}, `and ${order.length - shown.length} others`), el("span")) : null) : null, friend ? el("p", { class: "needed" }, this.beside(run.actor, friend)) : null, better.length ? el("p", { class: "needed" }, `Needed for ${better.join(", ")}.`) : null,
       el("div", { class: "files" }, this.button(coarse() ? "Try again" : "Try again (R)", () => this.again(), { class: forward ? null : "go" }), next ? this.button("Next challenge", () => this.open(this.nth + 1), { class: forward }) : null,
-        this.button("Copy a link to race this run", async () => this.tell(await drive.share.link())), this.button("close", () => { this.clear(); drive.rest(); replay.fit(); this.tellScene(); })), told ? el("p", { class: "note" }, told) : null);
+        this.button("Copy a link to race this run", async () => this.tell(await drive.share.link())), this.button("close", () => this.close())), told ? el("p", { class: "note" }, told) : null);
   }
 
   // One's own run beside that of a friend, in a sentence.
   beside(mine, friend) {
     const arrived = [mine, friend].map(({ outcome }) => outcome === "success");
     const [gap, last] = [friend.x.length - mine.x.length, friend.x.length - 1].map((steps) => `${Math.abs(steps * DT).toFixed(2)}\u00a0s`);
-    if (!friend.outcome) return "Your friend still drives.";
+    if (!friend.outcome) return "Your friend is still driving.";
     if (!arrived[1]) return `Your friend did not arrive${arrived[0] ? ": you win" : " either"}.`;
     if (!arrived[0]) return `Your friend arrived in ${last}.`;
     if (friend.x.length === mine.x.length) return "You and your friend took the same time.";

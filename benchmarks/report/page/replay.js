@@ -233,7 +233,7 @@ class Replay {
     this.scrubber.value = String(this.step);
     this.scrubber.setAttribute("aria-valuetext", `${(this.step * DT).toFixed(2)} s`);
     const end = this.busy && this.busy() ? "" : ` of ${(this.last * DT).toFixed(2)}`;
-    this.clock.textContent = `${(this.step * DT).toFixed(2)}${end} s`;
+    this.clock.textContent = this.actors.length ? `${(this.step * DT).toFixed(2)}${end} s` : "";
   }
 
   fit() {
@@ -270,7 +270,7 @@ class Replay {
         on: { change: () => { actor.hidden = !shown.checked; this.refresh(true); } } });
       const ended = this.tells(actor);
       const bad = ended && actor.outcome !== "success";
-      const note = [ended ? OUTCOMES[actor.outcome] : this.step && this.step >= actor.x.length - 1 && this.waits(actor) ? "being computed" : (!actor.outcome && actor.note) || "drives", ended ? actor.note : "", actor.ghost ? "recorded in the scene as it was" : ""].filter(Boolean).join(", ");
+      const note = [ended ? OUTCOMES[actor.outcome] : this.step && this.step >= actor.x.length - 1 && this.waits(actor) ? "being computed" : (!actor.outcome && actor.note) || "driving", ended ? actor.note : "", actor.ghost ? "recorded in the scene as it was" : ""].filter(Boolean).join(", ");
       return el("li", { "data-chosen": actor === this.chosen ? "yes" : "no" }, shown, swatch(actor.policy),
         el("button", { type: "button", class: "name", "aria-label": actor.label, "aria-pressed": actor === this.chosen, title: aboutOf(actor.policy), on: { click: () => this.choose(actor) } }, actor.label),
         el("button", { type: "button", class: "drop-out", "aria-label": `take out ${actor.label}`, title: "take this run out", on: { click: () => this.takeOut(actor) } }, "×"),
@@ -342,7 +342,7 @@ class Replay {
     if (!this.blank) drawWorld(context, world, step * DT, pixel);
     if (this.scans && chosen && (world.bodies || world.walls || (world.obstacles && world.obstacles.length))) {
       const k = Math.min(step, chosen.x.length - 1);
-      drawScan(context, [...solidsAt(world, step * DT), ...bodiesAt(world, chosen, step, hull)], chosen.x[k], chosen.y[k], chosen.heading[k], pixel);
+      drawScan(context, [...solidsAt(world, step * DT), ...bodiesAt(world, chosen, step, hull)], chosen.x[k], chosen.y[k], chosen.heading[k], pixel, colourName(chosen.policy));
     }
     if (this.under) this.under(view, chosen, pane);
     if (chosen && chosen.others && world.bodies) drawBodies(context, world, chosen, step, hull, pixel);

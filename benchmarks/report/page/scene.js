@@ -122,7 +122,7 @@ function drawWorld(context, world, time, pixel) {
     context.stroke();
   }
   const own = world.obstacles ? world.obstacles.length - (world.own || 0) : 0; // the last ones were put there
-  solidsAt(world, time).forEach((obstacle, k) => drawObstacle(context, obstacle, pixel, world.own && k >= own && k < own + world.own ? "--accent" : "--solid"));
+  solidsAt(world, time).forEach((obstacle, k) => drawObstacle(context, obstacle, pixel, world.own && k >= own && k < own + world.own ? "--ink" : "--solid"));
   for (const [x, y, vx, vy, legTime] of world.patrols || []) if (legTime > 0) { // what moves, and how far
     context.beginPath();
     context.moveTo(x, y);
@@ -301,9 +301,9 @@ function failed(context, x, y, size, pixel) {
   context.stroke();
 }
 
-function drawScan(context, solids, x, y, heading, pixel) {
+function drawScan(context, solids, x, y, heading, pixel, colour) {
   const obstacles = solids.filter((each) => distanceTo(each, x, y) < REACH);
-  context.strokeStyle = ink("--accent");
+  context.strokeStyle = ink(colour);
   context.globalAlpha = 0.22;
   context.lineWidth = pixel;
   context.beginPath();
