@@ -35,7 +35,7 @@ class Draws {
       return box;
     };
     this.family = select("scene", () => this.fill());
-    this.seed = select("variant", () => this.show());
+    this.seed = select("layout", () => this.show());
     const keys = [...this.families.keys()];
     this.family.replaceChildren(el("option", { value: "", hidden: true }, "your own"), ...Object.entries(SCENES).map(([kind, text]) => el("optgroup", { label: text },
       keys.filter((key) => key.startsWith(`${kind}: `)).map((key) => el("option", { value: key }, replay.told.demo.scenes[key])))));
@@ -45,7 +45,7 @@ class Draws {
 
   fill() {
     const worlds = this.families.get(this.family.value);
-    this.seed.replaceChildren(...worlds.map((world, k) => el("option", { value: k }, `no. ${world.seed}${world.tier ? `, ${world.tier} difficulty` : ""}`)));
+    this.seed.replaceChildren(...worlds.map((world, k) => el("option", { value: k }, `${world.seed + 1} of ${worlds.length}${world.tier ? ` (${world.tier})` : ""}`)));
     this.show();
   }
 
@@ -58,7 +58,7 @@ class Draws {
       drive.clear();
       drive.editor.take(null);
     }
-    this.replay.show(world, robot, [], `In Python: ${world.family}.${world.walks ? ` ${ABOUT_BODIES[world.kind]}` : ""} The networks did not train on it.`);
+    this.replay.show(world, robot, [], `${world.walks ? `${ABOUT_BODIES[world.kind]} ` : ""}The networks did not train in this scene. In Python: ${world.family}, no. ${world.seed}.`);
     if (!drive || this.silent) return;
     if (drive.who.value === KEYBOARD) drive.who.value = drive.usual(drive.able()) || KEYBOARD;
     drive.go(false);
@@ -76,7 +76,9 @@ class Draws {
   }
 
   // Whether there is such a scene; an Error says what is wrong.
-  check({ family, seed }) {
+  check(place) {
+    onlyFields(place, ["family", "seed"], "place: ");
+    const { family, seed } = place;
     if (!this.families.has(family)) throw new Error(`family is ${quoted(family)}; the page has no such scene`);
     const count = this.families.get(family).length;
     if (!Number.isInteger(seed) || seed < 0 || seed >= count) throw new Error(`seed is ${quoted(seed)}; it must be from 0 to ${count - 1}`);

@@ -3,7 +3,7 @@
 const TOOLS = { move: "move", disc: "disc", box: "box", wall: "wall", path: "path" };
 const HINTS = { move: "Drag things; the small squares resize and turn them.", disc: "Click or tap where a disc is to stand; drag for a larger one.", box: "Click or tap where a box is to stand; drag for a larger one.",
   wall: "Click or tap where a wall is to stand, or drag from end to end.", path: "Draw a line in the picture: all controllers follow it when you let go." };
-const AGAIN = { disc: "Its whole run is driven anew. Click or tap for another disc.", path: "They follow your line. Draw another one as you like." };
+const AGAIN = { disc: "Its run is computed anew, from the start. Click or tap for another disc.", path: "They follow your line. Draw another one as you like." };
 const BY_KEYS = " Arrow keys move the cross (Shift: farther), Enter presses and lets go, Escape ends.";
 const CLICKED = 0.3; // m, from the middle to the edges of what a click puts down
 const SPACING = 0.1; // m between the points of a drawn path
@@ -70,7 +70,7 @@ class Editor {
     this.handle = null; // what was grabbed last
     const button = (text, click, attributes = {}) => el("button", { type: "button", ...attributes, on: { click } }, text);
     this.buttons = Object.fromEntries(Object.entries(TOOLS).map(([tool, text]) => [tool, button(text, (event) => this.take(this.tool === tool ? null : tool, !event.detail), { "aria-pressed": "false" })]));
-    this.file = el("input", { type: "file", accept: ".json,application/json,image/*", class: "hidden", tabindex: "-1", "aria-label": "scenario, image of a map or robot's data sheet", on: { change: () => this.load(this.file.files[0]) } });
+    this.file = el("input", { type: "file", accept: ".json,application/json,image/*,.yaml,.yml", multiple: true, class: "hidden", tabindex: "-1", "aria-label": "scenario, image of a map or robot's data sheet", on: { change: () => this.load([...this.file.files]) } });
     this.part = el("details", {}, el("summary", {}, "Edit the scene"), el("div", { class: "files" }, Object.values(this.buttons)),
       el("div", { class: "files" }, button("delete", () => this.remove(), { title: "the thing that was moved or put last" }), button("reset scene", () => this.undo()), button("save scenario", () => this.save()),
         button("open scenario, map or robot", () => this.file.click()), this.file));
@@ -88,7 +88,7 @@ class Editor {
     const { board } = this.replay;
     board.addEventListener("dragover", (event) => { event.preventDefault(); board.classList.add("drop"); });
     board.addEventListener("dragleave", () => board.classList.remove("drop"));
-    board.addEventListener("drop", (event) => { event.preventDefault(); board.classList.remove("drop"); this.load(event.dataTransfer.files[0]); });
+    board.addEventListener("drop", (event) => { event.preventDefault(); board.classList.remove("drop"); this.load([...event.dataTransfer.files]); });
   }
 
   say(text) {
@@ -387,10 +387,10 @@ class Editor {
 
   // A map from an image; how large it is, its owner knows.
   map(pixels, name, side) {
-    this.open(worldOfPixels(pixels, name, side), `${name}: a map from an image, ${side} m along its longer side; move start and goal as you like.`);
-    const box = el("input", { type: "number", min: 2, max: 500, step: "any", value: side, "aria-label": "longer side of the map, m", on: { change: () => {
+    this.open(worldOfPixels(pixels, name, side), `${name}: a map from an image, ${short(side, 4)} m along its longer side; move start and goal as you like.`);
+    const box = el("input", { type: "number", min: LEAST_SIDE, max: MOST_SIDE, step: "any", value: short(side, 4), "aria-label": "longer side of the map, m", on: { change: () => {
       const next = Number(box.value);
-      if (!(next >= 2 && next <= 500)) { this.say(`The longer side is ${box.value || "empty"}; it must be from 2 to 500 m.`); return; }
+      if (!(next >= LEAST_SIDE && next <= MOST_SIDE)) { this.say(`The longer side is ${box.value || "empty"}; it must be from ${LEAST_SIDE} to ${MOST_SIDE} m.`); return; }
       try {
         this.map(pixels, name, next);
         this.say("");
@@ -406,6 +406,7 @@ class Editor {
 
   marks(context, pixel) {
     if (!this.tool) return;
+    if (this.replay.blank && !this.grabbed) this.replay.view.write("draw here");
     context.strokeStyle = ink("--accent");
     context.lineWidth = 2 * pixel;
     if (this.cross) {
@@ -441,15 +442,22 @@ class Editor {
     downloaded(new Blob([fileOf(this.replay.world)], { type: "application/json" }), `${(this.replay.world.name || "scenario").replace(/[^\w.-]/g, "_")}.json`);
   }
 
-  async load(file) {
+  // A scenario, a robot's data sheet, or the image of a map, with the file that tells its scale if there is one.
+  async load(files) {
+    const scale = files.find(({ name }) => /\.ya?ml$/i.test(name));
+    const file = files.find((each) => each !== scale) || scale;
     if (!file) return;
     try {
+      if (file === scale) throw new Error("it only tells the scale of a map: give the image (PNG or JPEG) with it");
       if (file.size > 20e6) throw new Error(`it has ${file.size} bytes; a scenario has at most 20 million`);
       const name = file.name.replace(/\.\w+$/, "");
       const image = file.type.startsWith("image/");
       const text = image ? "" : await file.text();
-      if (/"(wheels|hull)"\s*:/.test(text)) { this.drive.adopt(JSON.parse(text)); this.file.value = ""; return; }
-      if (image) this.map(await pixelsOf(file), name, IMAGE_SIDE);
+      if (/"(wheels|hull)"\s*:/.test(text)) { this.drive.adopt(parsed(text)); this.file.value = ""; return; }
+      if (image) {
+        const pixels = await pixelsOf(file);
+        this.map(pixels, name, scale ? sideOf(await scale.text(), pixels.longest) : IMAGE_SIDE);
+      }
       else {
         const world = worldOf(text, name);
         for (const [k, shape] of (world.obstacles || []).entries()) {

@@ -15,6 +15,26 @@ function quoted(value) {
   return text.length > 60 ? `${text.slice(0, 58)}…` : text;
 }
 
+// What a text of JSON holds; an Error of its own, no SyntaxError, says which field an object has twice.
+function parsed(text) {
+  const content = JSON.parse(text);
+  const open = []; // the fields of the objects around a place
+  for (const [mark, key, colon] of text.matchAll(/"((?:[^"\\]|\\.)*)"\s*(:?)|[{}]/g)) {
+    if (mark === "{") open.push(new Set());
+    else if (mark === "}") open.pop();
+    else if (colon) {
+      const fields = open[open.length - 1];
+      if (fields.has(key)) throw new Error(`field ${quoted(key)} is there twice`);
+      fields.add(key);
+    }
+  }
+  return content;
+}
+
+function onlyFields(content, known, whose = "") {
+  for (const field of Object.keys(content)) if (!known.includes(field)) throw new Error(`${whose}field ${quoted(field)} is not known; the fields are ${known.join(", ")}`);
+}
+
 function asNumber(field, value, least = -FARTHEST, most = FARTHEST) {
   if (typeof value !== "number" || !Number.isFinite(value) || value < least || value > most) {
     throw new Error(`${field} is ${quoted(value)}; it must be a number from ${least} to ${most}`);
@@ -31,7 +51,7 @@ function asObstacle(field, value) {
   if (typeof value !== "object" || value === null || !Object.keys(SHAPES).includes(value.kind)) throw new Error(`${field}.kind is ${quoted(value ? value.kind : undefined)}; it must be circle, box or wall`);
   for (const name of SHAPES[value.kind]) if (!(name in value)) throw new Error(`field ${field}.${name} is missing`);
   const known = [...SHAPES[value.kind], "kind", "mass", "heading", "patrol"];
-  for (const name of Object.keys(value)) if (!known.includes(name)) throw new Error(`field ${field}.${name} is not known`);
+  onlyFields(value, known, `${field}: `);
   const of = (name, least) => asNumber(`${field}.${name}`, value[name], least);
   const mass = value.mass === undefined ? 0 : asNumber(`${field}.mass`, value.mass, 0);
   let shape;
@@ -60,8 +80,9 @@ function asObstacle(field, value) {
 function worldOf(text, name) {
   let content;
   try {
-    content = JSON.parse(text);
+    content = parsed(text);
   } catch (error) {
+    if (!(error instanceof SyntaxError)) throw error;
     throw new Error(/^\s*[{[]/.test(text) ? `it is no JSON: ${error.message}` : "it is no scenario or data sheet (JSON) and no image");
   }
   if (typeof content !== "object" || content === null || Array.isArray(content)) throw new Error("it must hold one object {...}");
@@ -71,8 +92,7 @@ function worldOf(text, name) {
   if (!goal && !("path" in content)) throw new Error("it has none of the fields goal, dock and path");
   if ("map" in content) throw new Error("it names a map, another file, which a page cannot open: python evaluate.py --path drives there");
   if ("path_file" in content) throw new Error("it names a table, another file, which a page cannot open: put its points into path");
-  const known = goal ? GOAL_FIELDS.map((field) => (field === "goal" ? goal : field)) : PATH_FIELDS;
-  for (const field of Object.keys(content)) if (!known.includes(field)) throw new Error(`field ${JSON.stringify(field)} is not known; the fields are ${known.join(", ")}`);
+  onlyFields(content, goal ? GOAL_FIELDS.map((field) => (field === "goal" ? goal : field)) : PATH_FIELDS);
   const number = (field, fallback, least, most) => (content[field] === undefined ? fallback : asNumber(field, content[field], least, most));
   const world = { name, family: "", tier: "", quantity: null, start_offset: number("start_offset", 0, 0), start_turn: number("start_turn", 0, 0, 7) };
   if (goal) return goalWorld(goal, content, world, number);

@@ -1,7 +1,7 @@
 // A picture as a map: what is dark stands there, as boxes that can be moved like any other.
 
 const MOST_IMAGE = 160; // cells along the longer side
-const IMAGE_SIDE = 16; // m, of the longer side
+const [IMAGE_SIDE, LEAST_SIDE, MOST_SIDE] = [16, 2, 500]; // m, of the longer side
 const ROOM_AROUND = 0.45; // m, from the way between start and goal to what stands there
 
 // Rectangles [column, row, columns, rows] that cover what is occupied.
@@ -73,6 +73,15 @@ function worldOfPixels({ data, width, height }, name, side = IMAGE_SIDE) {
     start_offset: 0, start_turn: 0, position_tolerance: TOLERANCES.goal, heading_tolerance: TOLERANCES.goal, waypoint_radius: 0.5, edited: true };
 }
 
+// The longer side (m) of a map of so many pixels, by the YAML file that belongs to it.
+function sideOf(text, pixels) {
+  const of = (field) => (new RegExp(`^${field}:\\s*(\\S+)`, "m").exec(text) || [])[1];
+  if (Number(of("negate") ?? 0)) throw new Error(`negate is ${of("negate")}; here dark is what stands there, and it must be 0`);
+  const side = Number(of("resolution")) * pixels;
+  if (!(side >= LEAST_SIDE && side <= MOST_SIDE)) throw new Error(`resolution is ${quoted(of("resolution"))}; with ${pixels} pixels it must be from ${short(LEAST_SIDE / pixels)} to ${short(MOST_SIDE / pixels)} m`);
+  return side;
+}
+
 // The pixels of an image file, as large as they are read.
 async function pixelsOf(file) {
   let bitmap;
@@ -87,5 +96,5 @@ async function pixelsOf(file) {
   context.fillStyle = "#fff";
   context.fillRect(0, 0, canvas.width, canvas.height);
   context.drawImage(bitmap, 0, 0, canvas.width, canvas.height);
-  return context.getImageData(0, 0, canvas.width, canvas.height);
+  return Object.assign(context.getImageData(0, 0, canvas.width, canvas.height), { longest: Math.max(bitmap.width, bitmap.height) });
 }

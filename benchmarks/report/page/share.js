@@ -1,6 +1,9 @@
 // Shares what is shown: a link that holds all of it, and the Python that drives the same run.
 
 const LINK = 1; // version of what a link holds
+const STATE = ["v", "robot", "actuators", "disturbance", "policy", "sheet", "place", "world", "runs", "step", "overlay", "ghost", "beside", "embed"];
+const WORLD = ["kind", "name", "family", "tier", "quantity", "steps", "speed", "path", "closed", "laps", "corridor", "start", "start_offset", "start_turn", "goal", "waypoints", "obstacles", "patrols", "walls", "grid", "draws", "seed", "edited",
+  "position_tolerance", "heading_tolerance", "waypoint_radius", "starts", "goals", "tracks", "walks", "bodies", "reach"];
 const EMBEDS = ["law", "scenes"]; // what a small simulator is about: its gains, or what there is to drive in
 const LONG = 2000; // characters of a link
 
@@ -79,11 +82,12 @@ class Share {
     const { drive } = this;
     let state;
     try {
-      state = JSON.parse(decodeURIComponent(text));
-    } catch {
-      throw new Error("it is cut off or was changed");
+      state = parsed(decodeURIComponent(text));
+    } catch (error) {
+      throw error instanceof SyntaxError || error instanceof URIError ? new Error("it is cut off or was changed") : error;
     }
     if (typeof state !== "object" || state === null || state.v !== LINK) throw new Error(`its version is ${quoted(state && state.v)}; this page reads ${LINK}`);
+    onlyFields(state, STATE);
     const known = (field, options, of = state) => {
       if (!options.includes(of[field])) throw new Error(`${field} is ${quoted(of[field])}; it must be one of ${options.join(", ")}`);
     };
@@ -92,7 +96,8 @@ class Share {
     };
     for (const field of ["sheet", "place"]) if (state[field] !== undefined) object(field, state[field]);
     if (state.place !== undefined) picks.check(state.place);
-    if (state.step !== undefined && !Number.isInteger(state.step)) throw new Error(`step is ${quoted(state.step)}; it must be a whole number`);
+    if (state.step !== undefined && !(Number.isInteger(state.step) && state.step >= 0)) throw new Error(`step is ${quoted(state.step)}; it must be a whole number of at least 0`);
+    if (state.overlay !== undefined && state.overlay !== true) throw new Error(`overlay is ${quoted(state.overlay)}; it must be true or left out`);
     const { kind } = state.world || { kind: `${(state.place || {}).family}`.split(":")[0] };
     const task = taskOf(drive.kernels, { kind });
     const own = state.sheet !== undefined && drive.free ? [sheetOf(state.sheet, drive.kernels.tables.sheet).name] : [];
@@ -103,9 +108,11 @@ class Share {
     if (!Array.isArray(state.runs) || state.runs.length > 60) throw new Error("runs must be a list of at most 60");
     state.runs.forEach((run, k) => {
       object(`runs[${k}]`, run);
+      onlyFields(run, ["policy", "actuators", "disturbance", "gains"], `runs[${k}]: `);
       for (const [field, options] of Object.entries(conditions)) if (run[field] !== undefined) known(field, options, run);
       if (drive.free && !own.length) known("policy", pilotsOf(drive.kernels, task, state.robot, run.actuators ?? state.actuators), run);
     });
+    if (drive.free && !own.length && state.policy !== undefined) known("policy", [KEYBOARD, ...pilotsOf(drive.kernels, task, state.robot, state.actuators)]);
     const world = state.world === undefined ? null : checkedWorld(state.world);
     if (state.place === undefined && !world) throw new Error("it names no scenario");
     return { state, world, ghost: state.ghost === undefined ? null : unfolded(state.ghost) };
@@ -189,8 +196,9 @@ function stripped(world) {
 
 // A world that came by a link: only numbers, lists and the few words that worlds have.
 function checkedWorld(world) {
-  if (typeof world !== "object" || world === null) throw new Error("its scene is no object");
-  for (const field of ["kind", "name", "family", "tier"]) if (typeof world[field] !== "string") throw new Error(`its scene's ${field} is ${quoted(world[field])}`);
+  if (typeof world !== "object" || world === null || Array.isArray(world)) throw new Error("its scene is no object");
+  onlyFields(world, WORLD, "of its scene ");
+  for (const field of ["kind", "name", "family", "tier"]) if (typeof world[field] !== "string" || world[field].length > 200) throw new Error(`its scene's ${field} is ${quoted(world[field])}; it must be a text of at most 200 characters`);
   if (!["path", "goal", "dock", "team", "people"].includes(world.kind)) throw new Error(`its scene's kind is ${quoted(world.kind)}`);
   const rows = (field, width, most) => {
     const value = world[field] || [];
