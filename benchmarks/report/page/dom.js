@@ -16,6 +16,7 @@ function fill(node, attributes, children) {
 
 const el = (tag, attributes, ...children) => fill(document.createElement(tag), attributes, children);
 const draw = (tag, attributes, ...children) => fill(document.createElementNS(SVG, tag), attributes, children);
+const button = (text, click, attributes = {}) => el("button", { type: "button", ...attributes, on: { click } }, text);
 const byId = (id) => document.getElementById(id);
 
 function say(text) {

@@ -45,7 +45,6 @@ class Drive {
       const box = el("select", { "aria-label": label, on: { change } }, options.map((each) => el("option", { value: each }, MOTORS[each] || bodies[each] || each.replace("_", " "))));
       return [box, el("label", {}, label, box)];
     };
-    const button = (text, click, attributes = {}) => el("button", { type: "button", ...attributes, on: { click } }, text);
     const [who] = select("who drives", [], () => this.chosenPolicy());
     const [from, fromLabel] = select("begin at", ["the start", "this moment of the chosen robot"]);
     const [robot, robotLabel] = select("robot", robotsOf(kernels), () => { this.picked = true; this.embody(); });
@@ -531,7 +530,7 @@ class Drive {
     }
     this.pump(this.ready() < due ? WAITED : this.looks.on ? 0.5 * FAST : FAST);
     replay.stretch();
-    const [told, waits] = [this.result.textContent, this.ready() < due - 1 ? "The picture waits: all that drive in it are computed now." : ""];
+    const [told, waits] = [this.result.textContent, this.ready() < due - 1 ? "The picture waits while all who race are computed." : ""];
     if (waits !== told && [waits, told].every((each) => !each || each.startsWith("The picture waits"))) this.result.textContent = waits;
   }
 

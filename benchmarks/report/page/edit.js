@@ -68,7 +68,6 @@ class Editor {
     this.replay = drive.replay;
     this.tool = null;
     this.handle = null; // what was grabbed last
-    const button = (text, click, attributes = {}) => el("button", { type: "button", ...attributes, on: { click } }, text);
     this.buttons = Object.fromEntries(Object.entries(TOOLS).map(([tool, text]) => [tool, button(text, (event) => this.take(this.tool === tool ? null : tool, !event.detail), { "aria-pressed": "false" })]));
     this.file = el("input", { type: "file", accept: ".json,application/json,image/*,.yaml,.yml", multiple: true, class: "hidden", tabindex: "-1", "aria-label": "scenario, image of a map or robot's data sheet", on: { change: () => this.load([...this.file.files]) } });
     this.part = el("details", {}, el("summary", {}, "Edit the scene"), el("div", { class: "files" }, Object.values(this.buttons)),
@@ -121,7 +120,7 @@ class Editor {
   tell(text) {
     const { hint, world: { own } } = this.replay;
     hint.hidden = this.tool === null;
-    hint.replaceChildren(...(this.tool === null ? [] : [text + (this.keys ? BY_KEYS : ""), own ? el("button", { type: "button", on: { click: () => this.takeBack() } }, "undo last") : null, el("button", { type: "button", on: { click: () => this.done() } }, "done")].filter(Boolean)));
+    hint.replaceChildren(...(this.tool === null ? [] : [text + (this.keys ? BY_KEYS : ""), own ? button("undo last", () => this.takeBack()) : null, button("done", () => this.done())].filter(Boolean)));
   }
 
   // Where a path was to be drawn and was not, somebody drives in the scene that was there.
@@ -401,7 +400,7 @@ class Editor {
     } } });
     const { hint } = this.replay;
     hint.hidden = false;
-    hint.replaceChildren("How long is its longer side? ", box, " m", el("button", { type: "button", on: { click: () => this.take(null) } }, "done"));
+    hint.replaceChildren("How long is its longer side? ", box, " m", button("done", () => this.take(null)));
   }
 
   marks(context, pixel) {

@@ -8,7 +8,6 @@ class Gains {
     this.about = el("p", { class: "note" });
     this.rows = el("div", {});
     this.deltas = el("table", { class: "deltas" });
-    const button = (text, click) => el("button", { type: "button", on: { click } }, text);
     this.resetButton = button("reset", () => this.reset());
     this.tunedButton = button("tuned values", () => this.tuned());
     this.part = el("details", { class: "law" }, el("summary", {}, "Tune its gains"), this.about, el("div", { class: "files" }, this.resetButton, this.tunedButton), this.deltas, this.rows);
@@ -60,7 +59,7 @@ class Gains {
     });
     this.boxes.set(name, [range, box]);
     return el("div", { class: "gain" }, el("label", {}, `${name}${unit ? ` (${unit})` : ""}${gain.about ? `: ${gain.about}` : ""}`), range, box,
-      el("button", { type: "button", "aria-label": `reset ${name}`, title: `${short(value, 4)}`, on: { click: () => set(value) } }, "↺"));
+      button("↺", () => set(value), { "aria-label": `reset ${name}`, title: `${short(value, 4)}` }));
   }
 
   // A gain has another value: the policy's run is driven again, beside the untouched one.

@@ -19,8 +19,7 @@ function heat(chart, open) {
     const style = step < 0 ? "background: var(--panel); color: var(--fail)" : `background: ${VIRIDIS[step]}; color: ${step > 3 ? "#000" : "#fff"}`;
     const text = chart.by_cost ? (cost === null ? "×" : (cost * chart.factor).toFixed(chart.decimals) + (won < count ? "·" : "")) : (100 * won / count).toFixed(0);
     const title = `${label}, ${kind} ${name}: ${won} of ${count} succeed${cost === null ? "" : `, cost of the successes ${short(cost)}`}; open its episodes`;
-    return el("td", { class: kind }, el("button", { type: "button", tabindex: -1, style, title, "aria-label": title,
-      on: { click: () => open({ contest: chart.contest, robot: chart.robot, kind, name, policy: label }) } }, text));
+    return el("td", { class: kind }, button(text, () => open({ contest: chart.contest, robot: chart.robot, kind, name, policy: label }), { tabindex: -1, style, title, "aria-label": title }));
   };
   const head = el("tr", {}, el("th", {}), chart.columns.map(([kind, name]) => el("th", { scope: "col", class: kind }, el("span", {}, name))));
   const rows = chart.cells.map((cells, i) => el("tr", {}, el("th", { scope: "row" }, chart.labels[i]),

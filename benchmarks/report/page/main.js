@@ -21,7 +21,7 @@ function showTab(name) {
 
 function wireTabs(tabs) {
   const able = tabs.filter(([, , shown]) => shown);
-  byId("tabs").append(...able.map(([name, text]) => el("button", { type: "button", "data-to": name, on: { click: () => showTab(name) } }, text)));
+  byId("tabs").append(...able.map(([name, text]) => button(text, () => showTab(name), { "data-to": name })));
   byId("tabs").hidden = false;
   showTab(able[0][0]);
 }

@@ -1,6 +1,6 @@
 // Races against controllers and a network: numbered challenges, a countdown, the result in the picture, medals, and a friend's ghost.
 
-const RIVALS = ["astar_tracker", "vfh_plus", "orca_team", "reeds_shepp", "polar", "dwa", "lqr", "pure_pursuit"];
+const RIVALS = ["astar_tracker", "vfh_plus", "reeds_shepp", "orca_team", "polar", "dwa", "lqr", "pure_pursuit"];
 const BEST = "wayfield best times"; // in the browser's storage
 const CLEAR = 30; // px around what a card must not cover
 const MEDALS = ["gold", "silver", "bronze"];
@@ -56,7 +56,6 @@ class Race {
   // The sentence and the three buttons above the picture; what a tool or a law's thinking is about takes the sentence's place.
   lay() {
     const { replay } = this;
-    const button = (text, click) => el("button", { type: "button", on: { click } }, text);
     this.sentence = el("p", { class: "sentence", role: "status" });
     this.number = el("select", { "aria-label": "challenge", on: { change: () => this.open(Number(this.number.value)) } });
     replay.words.append(this.sentence);
@@ -238,12 +237,8 @@ class Race {
     const rule = this.replay.world.kind === "dock" ? `${ASKED.dock}. ` : count > 1 ? `gold for the first of ${count}${count > 2 ? ", then silver, bronze" : ""}. ` : "";
     hint.hidden = false;
     hint.replaceChildren(`${k < 0 ? "" : `${k + 1}. ${this.challenges[k].name}: `}${rule}${found ? `Your best: ${found.time.toFixed(2)} s. ` : ""}The clock waits for your first press. `,
-      this.button("Start", () => this.begin(), { class: "go" }));
+      button("Start", () => this.begin(), { class: "go" }));
     this.begin = () => show(still() ? 0 : 3);
-  }
-
-  button(text, click, attributes = {}) {
-    return el("button", { type: "button", ...attributes, on: { click } }, text);
   }
 
   go() {
@@ -328,8 +323,8 @@ class Race {
       ...(place < 0 || !rivals.length ? [] : [el("p", { class: medal ? `medal ${medal}` : "" }, `${medal ? medal[0].toUpperCase() + medal.slice(1) : "No"} medal`),
         el("p", {}, `${["1st", "2nd", "3rd"][place] || `${place + 1}th`} of ${rivals.length + 1}${times.includes(steps(run.actor)) ? ", a tie" : ""}`)]),
       rivals.length ? el("ol", { class: "order" }, rows, shown.length < order.length ? el("li", {}, el("span", {}, `and ${order.length - shown.length} others`), el("span")) : null) : null, friend ? el("p", { class: "needed" }, this.beside(run.actor, friend)) : null, better.length ? el("p", { class: "needed" }, `Needed for ${better.join(", ")}.`) : null,
-      el("div", { class: "files" }, this.button(coarse() ? "Try again" : "Try again (R)", () => this.again(), { class: forward ? null : "go" }), next ? this.button("Next challenge", () => this.open(this.nth + 1), { class: forward }) : null,
-        this.button("Copy a link to race this run", async () => this.tell(await drive.share.link())), this.button("close", () => this.close())), told ? el("p", { class: "note" }, told) : null);
+      el("div", { class: "files" }, button(coarse() ? "Try again" : "Try again (R)", () => this.again(), { class: forward ? null : "go" }), next ? button("Next challenge", () => this.open(this.nth + 1), { class: forward }) : null,
+        button("Copy a link to race this run", async () => this.tell(await drive.share.link())), button("close", () => this.close())), told ? el("p", { class: "note" }, told) : null);
   }
 
   // One's own run beside that of a friend, in a sentence.
@@ -365,7 +360,7 @@ class Race {
     this.drive.replay.choose(run.actor);
     while (run.pending) this.drive.pump(1); // who is looked at goes first
     this.say(this.ended(run, `A friend ${(ENDED[run.actor.outcome] || "drove for").toLowerCase()}`), el("p", {}, "Can you do better?"),
-      el("div", { class: "files" }, this.button("Race the ghost", () => this.again(), { class: "go" }), this.button("watch first", () => { this.clear(); this.replay.toggle(true); })));
+      el("div", { class: "files" }, button("Race the ghost", () => this.again(), { class: "go" }), button("watch first", () => { this.clear(); this.replay.toggle(true); })));
     this.begin = () => this.again();
   }
 }

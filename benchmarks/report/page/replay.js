@@ -51,14 +51,13 @@ class Replay {
       new Trace("speed", "m/s", speeds, (k) => this.seek(k)),
       new Trace("clearance", "m", clearances, (k) => this.seek(k)),
     ];
-    const button = (text, click, attributes = {}) => el("button", { type: "button", ...attributes, on: { click } }, text);
     this.playButton = button("play", () => this.toggle(), { class: "play" });
     this.scrubber = el("input", { type: "range", min: 0, max: 1, value: 0, "aria-label": "time", on: { input: () => this.seek(Number(this.scrubber.value)) } });
     this.rates = el("select", { "aria-label": "speed of the replay", title: "speed", on: { change: () => { this.rate = Number(this.rates.value); } } },
       RATES.map((rate) => el("option", { value: rate, selected: rate === PLAYBACK }, `${rate}x`)));
-    this.followButton = el("button", { type: "button", class: "stepwise", "aria-pressed": "false", title: "the picture goes with the chosen robot", on: { click: () => this.follow(!this.follows) } }, "follow robot");
-    this.scanButton = el("button", { type: "button", "aria-pressed": "true", on: { click: () => this.rays(!this.scans) } }, "laser rays");
-    this.splitButton = el("button", { type: "button", "aria-pressed": "false", class: "kept", title: "two runs side by side", on: { click: () => this.split(this.other ? null : this.actors.find((actor) => actor !== this.chosen && !actor.hidden)) } }, "side by side");
+    this.followButton = button("follow robot", () => this.follow(!this.follows), { class: "stepwise", "aria-pressed": "false", title: "the picture goes with the chosen robot" });
+    this.scanButton = button("laser rays", () => this.rays(!this.scans), { "aria-pressed": "true" });
+    this.splitButton = button("side by side", () => this.split(this.other ? null : this.actors.find((actor) => actor !== this.chosen && !actor.hidden)), { "aria-pressed": "false", class: "kept", title: "two runs side by side" });
     this.clock = el("span", { class: "clock" });
     this.list = el("ul", { class: "actors", "aria-label": "runs" });
     this.picks = el("div", { class: "pick" });
@@ -272,8 +271,8 @@ class Replay {
       const bad = ended && actor.outcome !== "success";
       const note = [ended ? OUTCOMES[actor.outcome] : this.step && this.step >= actor.x.length - 1 && this.waits(actor) ? "being computed" : (!actor.outcome && actor.note) || "driving", ended ? actor.note : "", actor.ghost ? "recorded in the scene as it was" : ""].filter(Boolean).join(", ");
       return el("li", { "data-chosen": actor === this.chosen ? "yes" : "no" }, shown, swatch(actor.policy),
-        el("button", { type: "button", class: "name", "aria-label": actor.label, "aria-pressed": actor === this.chosen, title: aboutOf(actor.policy), on: { click: () => this.choose(actor) } }, actor.label),
-        el("button", { type: "button", class: "drop-out", "aria-label": `take out ${actor.label}`, title: "take this run out", on: { click: () => this.takeOut(actor) } }, "×"),
+        button(actor.label, () => this.choose(actor), { class: "name", "aria-label": actor.label, "aria-pressed": actor === this.chosen, title: aboutOf(actor.policy) }),
+        button("×", () => this.takeOut(actor), { class: "drop-out", "aria-label": `take out ${actor.label}`, title: "take this run out" }),
         el("small", { class: bad ? "bad" : "" }, note));
     }));
     this.listed = this.actors.filter((actor) => this.tells(actor)).length;

@@ -11,7 +11,6 @@ class Share {
   constructor(drive) {
     this.drive = drive;
     this.replay = drive.replay;
-    const button = (text, click) => el("button", { type: "button", on: { click } }, text);
     this.told = el("p", { class: "note", role: "status" });
     this.field = el("input", { type: "text", placeholder: "paste a friend's link here", "aria-label": "a friend's link", on: { input: () => {
       this.told.textContent = "";
@@ -163,7 +162,7 @@ class Share {
     drive.wake();
     drive.race.tellScene();
     if (friend) drive.race.challenged(friend);
-    if (state.embed && !window.matchMedia("(prefers-reduced-motion: reduce)").matches) replay.toggle(true);
+    if (state.embed && !still()) replay.toggle(true);
   }
 
   // A small simulator inside another page: the picture and what that page is about.
