@@ -30,6 +30,7 @@ from wayfield.benchmarks.report.page import Section, commit, rendered, write_pag
 from wayfield.benchmarks.report.worlds import IN_PAGE, plain, read_worlds, worlds_of
 from wayfield.benchmarks.runs.suite import Setting
 from wayfield.envs.crowds.people import WALK
+from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios import TASKS, splits
 
 PAGE = Path(report.__path__[0]) / "page"
@@ -199,6 +200,21 @@ def test_the_demo_is_one_file_within_its_budget_that_asks_for_nothing(tmp_path: 
     refused = CliRunner().invoke(demo.main, ["--out", str(tmp_path / "absent" / "demo.html")])
     assert refused.exit_code == 1
     assert len(refused.output.splitlines()) == 1
+
+
+def test_a_challenge_begins_with_a_free_metre_ahead_on_the_side_of_its_star() -> None:
+    families = {each["family"].split(": ")[1] for each in demo.CHALLENGES}
+    scenes = {(f"{world['kind']}: {world['family']}", world["seed"]): world for world in demo.worlds(families)}
+    for challenge in demo.CHALLENGES:
+        world = scenes[challenge["family"], challenge["seed"]]
+        x, y, heading = world["start"]
+        ahead = np.linspace(0.0, 1.0, 21)
+        if world["kind"] != "dock":
+            assert (world["goal"][0] - x) * np.cos(heading) + (world["goal"][1] - y) * np.sin(heading) > 0.0
+        places = np.column_stack([x + ahead * np.cos(heading), y + ahead * np.sin(heading)])
+        for *middle, cos, sin, length, width, radius, _ in world["obstacles"]:
+            along = np.abs((places - middle) @ [[cos, -sin], [sin, cos]]) - [length, width]
+            assert np.hypot(*np.maximum(along, 0.0).T).min() > radius + ROBOTS[challenge["robot"]].hull_radius
 
 
 @pytest.mark.parametrize("tracked", [False, True], ids=["beside", "committed"])
