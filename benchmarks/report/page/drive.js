@@ -4,6 +4,7 @@ const KEYBOARD = "you, by keyboard or pad";
 const GHOST = "a friend (ghost)"; // what a link carries of a run by hand
 const MOTORS = { ideal: "perfect", lagged: "normal", slow: "sluggish" };
 const FAST = 6; // ms of a frame for the simulator
+const WAITS = "The picture waits while all runs are computed.";
 const WAITED = 50; // ms, of a frame that waits for it
 const IDLE = 14; // ms at a time while nothing plays
 const AHEAD = 3000; // ms to catch up at once
@@ -530,8 +531,10 @@ class Drive {
     }
     this.pump(this.ready() < due ? WAITED : this.looks.on ? 0.5 * FAST : FAST);
     replay.stretch();
-    const [told, waits] = [this.result.textContent, this.ready() < due - 1 ? "The picture waits while all who race are computed." : ""];
-    if (waits !== told && [waits, told].every((each) => !each || each.startsWith("The picture waits"))) this.result.textContent = waits;
+    const now = performance.now();
+    this.waitsFrom = !hand && this.ready() < due - 1 ? this.waitsFrom || now : 0;
+    const waits = this.waitsFrom && now - this.waitsFrom > 600 ? WAITS : "";
+    if ([waits, WAITS].includes(this.result.textContent || waits)) this.result.textContent = waits;
   }
 
   // Drives on while nothing plays.
