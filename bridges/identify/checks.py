@@ -155,7 +155,7 @@ def _sane(log: Log) -> Flags:
     """Returns which messages of odometry are not a few, here and there, far faster than all that was commanded."""
     speeds = np.abs(log.speeds)
     wild = (speeds > FASTER * np.abs(log.commands).max(axis=0) + SLACK).any(axis=1)
-    sane: Flags = (speeds <= FASTEST).all(axis=1)
+    sane: Flags = np.all(speeds <= FASTEST, axis=1)
     longest, left = (np.diff(each).max(initial=0.0) for each in (log.times, log.times[~wild]))
     return sane & ~wild if wild.mean() <= MOST_WILD and left <= max(longest, LONGEST_GAP) else sane
 
