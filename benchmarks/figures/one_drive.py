@@ -3,6 +3,7 @@
 import dataclasses
 import functools
 import math
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,8 @@ from wayfield.envs.rendering import Ghost, Scene
 from wayfield.envs.robots import Robot, shipped_name
 from wayfield.envs.robots.robot_option import RobotChoice
 from wayfield.envs.scenarios import TASKS
-from wayfield.envs.tasks.specs import CROWDS, EVERY, spec_of
+from wayfield.envs.scenarios.files import kind_of
+from wayfield.envs.tasks.specs import CROWDS, EVERY, TaskSpec, spec_of
 from wayfield.envs.tasks.task import CONTROL_PERIOD
 from wayfield.policies import POLICIES, load_agent, make
 from wayfield.policies.learned.agent import CARD
@@ -90,8 +92,16 @@ class Place:
             read = [each for each in TASKS.values() if observation_of(each) in made.observes]
             if made.knows == "bodies":
                 read = list(CROWDS.values())
-            spec = read[0] if read else spec
+            spec = next(filter(self._is_of, read), read[0] if read else spec)
         return spec.ids[self.robot is not None and self.robot.holonomic]
+
+    def _is_of(self, spec: TaskSpec) -> bool:
+        """Returns whether the scenario is one of a task, by its name or by what its file holds."""
+        if self.scenario is None:
+            return True
+        name = re.split("[/@]", self.scenario)[0]
+        known = name in spec.presets or name in spec.families
+        return known or (Path(self.scenario).is_file() and kind_of(self.scenario) == spec.kind)
 
     def policy(self, text: str, env: Any = None) -> Policy:
         """Returns the policy of a text: a name, module:Class, model.zip, or the folder of an agent; gains behind it.

@@ -184,6 +184,18 @@ def test_the_lists_name_all_that_there_is_and_fit_80_columns() -> None:
 PATH = ("DiffDrivePathFollowing-v0", "--scenario", "s_curve", "--policy", "pure_pursuit", "--seconds", "1")
 
 
+@pytest.mark.parametrize(
+    ("scenario", "kind"), [(None, "path"), ("rooms", "goal"), ("berth/test", "dock"), ("splines", "path"),
+                           ('{"goal": [1, 0, 0]}', "goal"), ('{"dock": [1, 0, 0]}', "dock")]
+)  # fmt: skip
+def test_a_policy_of_many_tasks_drives_that_of_the_scenario(scenario: str | None, kind: str, tmp_path: Path) -> None:
+    if scenario and scenario[0] == "{":
+        (tmp_path / "mine.json").write_text(scenario)
+        scenario = str(tmp_path / "mine.json")
+    place = Place(None, scenario, None, None, "lagged", None, None, (), 0, "default")
+    assert place.make("zero").unwrapped.task.spec.kind == kind
+
+
 @pytest.mark.parametrize("suffix", [".png", ".gif", ".mp4"])
 def test_a_policy_is_filmed(suffix: str, tmp_path: Path) -> None:
     file = tmp_path / f"film{suffix}"
