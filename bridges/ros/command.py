@@ -26,7 +26,7 @@ from wayfield.envs.tasks.specs import EVERY
 from wayfield.envs.tasks.task import CONTROL_PERIOD, IN_PROCESS
 from wayfield.policies import POLICIES, NoCruisingSpeed, cruising, make
 from wayfield.policies.parts.tuned import read_gains
-from wayfield.system.checks import printable
+from wayfield.system.checks import WHOLE_TURN, printable
 from wayfield.system.command_line import SEED, Choice, Finite, OneLineErrors
 from wayfield.system.extras import installs
 
@@ -78,7 +78,13 @@ class Numbers(click.ParamType):  # type: ignore[type-arg]
         except ValueError:
             result = ()
         if not self.least <= len(result) <= most or not all(map(math.isfinite, result)):
-            raise click.UsageError(f"{self.field} {value!r} must be {self.names}, finite numbers in m and rad")
+            short = ",".join(self.names.split(",")[: self.least])
+            names = self.names if self.least == most else f"{short} or {self.names}"
+            raise click.UsageError(f"{self.field} {value!r} must be {names}, finite numbers in m and rad")
+        if len(result) == 3 and abs(result[2]) > WHOLE_TURN:
+            raise click.UsageError(
+                f"{self.field} {value!r}: {result[2]:g} rad is more than a turn; degrees must be multiplied by pi / 180"
+            )
         return result
 
 

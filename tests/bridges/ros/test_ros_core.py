@@ -7,12 +7,13 @@ import math
 import random
 import struct
 
+import click
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wayfield.bridges.ros.command import main
+from wayfield.bridges.ros.command import Numbers, main
 from wayfield.bridges.ros.conventions import AHEAD, Outgoing, Sight, fault_of, read
 from wayfield.bridges.ros.guard import Decision, Driver, Limits
 from wayfield.bridges.ros.messages import STILL, Odometry, Scan, Twist, path_of, quaternion_of, yaw_of
@@ -648,3 +649,17 @@ def test_no_sequence_of_messages_yields_a_command_beyond_the_limits_or_after_the
 def test_no_sequence_of_very_many_does(part):
     for seed in itertools.islice(itertools.count(10_000 * (part + 1)), 10_000):
         random_messages(random.Random(seed), 25)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("1", "must be X,Y or X,Y,HEADING"),
+        ("1,a", "must be X,Y or"),
+        ("1,0,90", "is more than a turn; degrees must be"),
+    ],
+)
+def test_a_goal_that_is_none_is_refused_in_a_line(text, told):
+    with pytest.raises(click.UsageError, match=told):
+        Numbers("--goal", 2, "X,Y,HEADING").convert(text, None, None)
+    assert Numbers("--goal", 2, "X,Y,HEADING").convert("1,0", None, None) == (1.0, 0.0)
