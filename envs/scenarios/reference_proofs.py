@@ -6,7 +6,7 @@ the floor of laws. To play the commands of the reference blindly is no proof: ro
 """
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from wayfield.envs.robots import ROBOTS
 from wayfield.envs.robots.kinematics import integrate_arc, limits, to_body_frame
 from wayfield.envs.robots.references import RAMP, TIMES, Laid, base_of, lay_out, sample_index
-from wayfield.system.compiled import allocating, inlined
+from wayfield.system.compiled import allocating, assign, inlined
 from wayfield.system.elementary import sin_cos, wrap_angle
 
 PROVERS = ("p3dx", "turtlebot3", "jackal", "omni3")
@@ -23,6 +23,19 @@ DT = 0.05  # s
 FLOOR = 1e-3  # m
 # of m^2 and rad^2; of the command in m^2/s^2 and rad^2/s^2
 WEIGHTS = np.array([10.0, 10.0, 1.0]), np.array([1.0, 1.0, 0.5])
+
+
+class Lag(NamedTuple):
+    """What the motion about a reference takes from a base: see the fields of BASE and of PLANT."""
+
+    dt: float
+    lag_decay: float
+    lag_mean: float
+
+    @classmethod
+    def of(cls, base: NDArray[np.void]) -> "Lag":
+        """Returns that of a (1,) record with these fields: one type for all, so that it is compiled once."""
+        return cls(*(float(base[0][name]) for name in cls._fields))
 
 
 @inlined
@@ -104,18 +117,17 @@ def solved(matrix, right):
 
 
 @allocating
-def regulator(samples, all_times, bases, holonomic, q, r):
+def regulator(samples, all_times, lag, holonomic, q, r):
     """Returns the gains (n, t, 3 + t) of each sample of a reference: command = wanted - gain (error, wheel deviation).
 
     The Riccati recursion backwards in time, twice round a lap (Anderson and Moore, Optimal Control, 1990, section 2.4).
 
     Args:
         samples, all_times: SAMPLE records and (1,) TIMES.
-        bases: (1,) BASE.
+        lag: of the base, by `Lag.of`.
         q: (3,) weights of the errors in x, y (1/m^2) and heading (1/rad^2).
         r: (3,) weights of the command's deviations.
     """
-    base = bases[0]
     times = all_times[0]
     t = 3 if holonomic else 2
     n = 3 + t
@@ -124,23 +136,28 @@ def regulator(samples, all_times, bases, holonomic, q, r):
     p = np.zeros((n, n))
     for j in range(3):
         p[j, j] = q[j]
+    pa = np.zeros((n, n))
+    pb = np.zeros((n, t))
+    size = np.zeros((t, t))
+    right = np.zeros((t, n))
+    cross = np.zeros((t, n))
     gains = np.zeros((times.last + 1, t, n))
     turns = 2 if times.lap > 1 else 1
     for _ in range(turns):
         for k in range(times.last, -1, -1):
             here = samples[sample_index(times, k)]
             there = samples[sample_index(times, k + 1)]
-            linearise(base, holonomic, here, there, a, b)
-            pa = np.zeros((n, n))
-            pb = np.zeros((n, t))
+            linearise(lag, holonomic, here, there, a, b)
+            pa[:] = 0.0
+            pb[:] = 0.0
+            size[:] = 0.0
+            right[:] = 0.0
             for i in range(n):
                 for m in range(n):
                     for j in range(n):
                         pa[i, j] += p[i, m] * a[m, j]
                     for j in range(t):
                         pb[i, j] += p[i, m] * b[m, j]
-            size = np.zeros((t, t))
-            right = np.zeros((t, n))
             for i in range(t):
                 size[i, i] = r[2] if i == t - 1 else r[i]
                 for m in range(n):
@@ -148,9 +165,9 @@ def regulator(samples, all_times, bases, holonomic, q, r):
                         size[i, j] += b[m, i] * pb[m, j]
                     for j in range(n):
                         right[i, j] += b[m, i] * pa[m, j]
-            cross = right.copy()
+            assign(cross, right)
             solved(size, right)
-            gains[k] = right
+            assign(gains[k], right)
             for i in range(n):
                 for j in range(n):
                     value = 0.0
@@ -223,7 +240,7 @@ def proof(laid: Laid, base: NDArray[np.void], holonomic: bool) -> tuple[int, flo
     """Returns how many of PERIODS the regulator is limited in, and its RMS error, m."""
     times = np.zeros(1, TIMES)
     times["last"], times["lap"] = len(laid.samples) - 1, laid.lap
-    gains = regulator(laid.samples, times, base, holonomic, *WEIGHTS)
+    gains = regulator(laid.samples, times, Lag.of(base), holonomic, *WEIGHTS)
     limited, floor = followed(laid.samples, times, base, holonomic, gains, PERIODS)
     return int(limited), float(floor)
 

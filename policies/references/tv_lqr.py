@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from wayfield.envs import trajectory_tracking
 from wayfield.envs.robots.references import References, sample_index
-from wayfield.envs.scenarios.reference_proofs import regulated, regulator
+from wayfield.envs.scenarios.reference_proofs import Lag, regulated, regulator
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies.parts.gain import Gains, gain
 from wayfield.policies.parts.params import plant
@@ -78,7 +78,8 @@ class TvLqr(Gains):
         prices = np.array([self.r_speed, self.r_speed, self.r_turn])
         each, whose = np.unique(reference.which, return_inverse=True)
         gains = [
-            regulator(reference.samples, reference.times[k : k + 1], base, holonomic, weights, prices) for k in each
+            regulator(reference.samples, reference.times[k : k + 1], Lag.of(base), holonomic, weights, prices)
+            for k in each
         ]
         return np.concatenate(gains), np.cumsum([0, *map(len, gains[:-1])])[whose]
 
