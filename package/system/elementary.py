@@ -137,23 +137,21 @@ def exponential(x):
     return (1.0 + 2.0 * (p / (q - p))) * power_of_two(int(n))
 
 
+# n, 2^n and 2^-n for n from 512 down to 1
+_HALVINGS = np.array([(2.0**k, 2.0**2**k, 2.0 ** -(2**k)) for k in range(9, -1, -1)])
+
+
 @inlined
 def logarithm(x):
     """Returns ln(x) to 3e-16 for a normal number x > 0: the rational function of the Cephes library's log."""
     n = 0.0
-    step = 512.0
-    up = 2.0**512
-    down = 2.0**-512
-    while step >= 1.0:
-        if x >= up:
-            x *= down
-            n += step
-        elif x < down * 2.0:
-            x *= up
-            n -= step
-        step *= 0.5
-        up = math.sqrt(up)
-        down = math.sqrt(down)
+    for k in range(10):
+        if x >= _HALVINGS[k, 1]:
+            x *= _HALVINGS[k, 2]
+            n += _HALVINGS[k, 0]
+        elif x < 2.0 * _HALVINGS[k, 2]:
+            x *= _HALVINGS[k, 1]
+            n -= _HALVINGS[k, 0]
     # now in [1, 2)
     if x > 1.4142135623730951:
         x *= 0.5

@@ -344,22 +344,18 @@ def measure_ways(p, clearances, goal_x, goal_y, slowness, ways):
                 ways[i, j] = straight + WALL_SLOWNESS * closed * p.plant.hull_radius
             else:
                 ways[i, j] = FAR
-    # a row is looked at again once it, or one beside it, has changed since: what it would find else is there
-    changed = np.zeros(side, np.int64)
-    looked = np.full(side, -1)
-    now = 0
+    # a node is looked at again once one beside it has changed since: what it would find else is there
+    stale = np.full((side + 2, side + 2), True)  # with a rim, which nobody looks at
     for _ in range(8):
         change = 0.0
         for sweep in range(4):
             for a in range(side):
                 i = a if sweep & 1 else side - 1 - a
-                beside = max(changed[max(i - 1, 0)], changed[min(i + 1, side - 1)])
-                if changed[i] < looked[i] and beside <= looked[i]:
-                    continue
-                now += 1
-                looked[i] = now
                 for b in range(side):
                     j = b if sweep & 2 else side - 1 - b
+                    if not stale[i + 1, j + 1]:
+                        continue
+                    stale[i + 1, j + 1] = False
                     here = ways[i, j]
                     across = min(ways[i - 1, j] if i > 0 else FAR, ways[i + 1, j] if i < side - 1 else FAR)
                     along = min(ways[i, j - 1] if j > 0 else FAR, ways[i, j + 1] if j < side - 1 else FAR)
@@ -369,7 +365,8 @@ def measure_ways(p, clearances, goal_x, goal_y, slowness, ways):
                     if way < here:
                         change = max(change, here - way)
                         ways[i, j] = way
-                        changed[i] = now
+                        stale[i, j + 1] = stale[i + 2, j + 1] = True
+                        stale[i + 1, j] = stale[i + 1, j + 2] = True
         if change < 0.01:
             break
     # a hull beside a wall reads nodes in it too: they shall not say how far it is through the wall
