@@ -71,8 +71,8 @@ from wayfield.benchmarks.report.page import Section, write_page
 from wayfield.benchmarks.report.worlds import write_worlds
 from wayfield.benchmarks.runs.payloads import sent
 from wayfield.benchmarks.runs.prefetch import Prefetch, prefetching
-from wayfield.benchmarks.runs.shards import Part, parts_of, play, rows_so_far
-from wayfield.benchmarks.runs.suite import Episode, Setting, episodes, gathered, heads_first, run
+from wayfield.benchmarks.runs.shards import Part, parts_of, play_together, rows_so_far
+from wayfield.benchmarks.runs.suite import Episode, Setting, episodes, gathered, heads_first, run, together
 from wayfield.envs.robots import ACTUATORS, ROBOTS
 from wayfield.envs.robots.robot_option import RobotChoice
 from wayfield.envs.tasks.specs import EVERY
@@ -312,7 +312,9 @@ def _tell_so_far(
     ended: Mapping[int, Any] = {}
     if isinstance(executor, Prefetch):
         done = {**done, **executor.ended(episodes, settings)}
-        ended = executor.ended(play, [part.setting for part in parts])
+        groups = together([part.setting for part in parts])
+        played = executor.ended(play_together, [tuple(parts[k].setting for k in group) for group in groups])
+        ended = {k: files for g, each in played.items() for k, files in zip(groups[g], each, strict=True)}
     findings: Short = []
     if ended or any(part.folder.is_dir() for part in parts):
         with holding(parts[0].folder.parents[1], options.run):
@@ -561,10 +563,12 @@ def _begin(executor: Executor, cases: Sequence[Setting], parts: Sequence[Part]) 
     if not isinstance(executor, Prefetch):
         return
     left = [part.setting for part in parts if not part.folder.is_dir()]
-    work = [*((episodes, setting) for setting in cases), *((play, setting) for setting in left)]
-    for i in heads_first([setting for _, setting in work]):
-        function, setting = work[i]
-        executor.begin(function, [setting])
+    groups = [tuple(left[k] for k in group) for group in together(left)]
+    work: list[tuple[Any, Any, Setting]] = [(episodes, setting, setting) for setting in cases]
+    work += [(play_together, group, group[0]) for group in groups]
+    for i in heads_first([setting for *_, setting in work]):
+        function, item, _ = work[i]
+        executor.begin(function, [item])
 
 
 @contextlib.contextmanager

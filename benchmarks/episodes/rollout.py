@@ -14,6 +14,8 @@ from wayfield import policies
 from wayfield.benchmarks.episodes.shortest import shortest_way
 from wayfield.benchmarks.records.cases import Case, Rules
 from wayfield.benchmarks.records.trajectory import Trajectory
+from wayfield.envs.robots import robot_of
+from wayfield.envs.scenarios import scenarios_of, spec_of
 from wayfield.envs.tasks.briefing import Briefing, Course
 from wayfield.envs.vector import NativeVectorEnv
 from wayfield.policies.parts.policy import Policy
@@ -38,13 +40,17 @@ def make_policy(case: Case, seed: int) -> Policy:
     return policies.make(case.policy, **gains)
 
 
-def make_vector(case: Case, dynamics: str, actuators: str, num_envs: int) -> NativeVectorEnv:
-    """Returns the case's environment, with a robot for each episode."""
+def make_vector(case: Case, dynamics: str, actuators: str, num_envs: int, scenario: Any = None) -> NativeVectorEnv:
+    """Returns the case's environment, with a robot for each episode.
+
+    Args:
+        scenario: in place of the case's.
+    """
     env = gymnasium.make_vec(
         case.env_id,
         num_envs,
         vectorization_mode="vector_entry_point",
-        scenario=case.scenario,
+        scenario=case.scenario if scenario is None else scenario,
         actuators=actuators,
         max_episode_steps=case.max_episode_steps,
         dynamics=dynamics,
@@ -77,12 +83,37 @@ def roll_out(
         ValueError: if the environment does not know an option.
     """
     numbers = numbers or range(episodes)
-    episodes = len(numbers)
-    env = make_vector(case, dynamics, actuators, episodes)
-    pilot = Pilot(make_policy(case, seed), env)
+    env = make_vector(case, dynamics, actuators, len(numbers))
     there = len(env.task.scenarios)
-    chosen = {"scenario": list(members) or [k % there for k in numbers]} if case.every_scenario else None
-    observations, _ = env.reset(seed=[seed + k for k in numbers], options=chosen)
+    chosen = (list(members) or [k % there for k in numbers]) if case.every_scenario else None
+    return _driven(env, [case] * len(numbers), [seed + k for k in numbers], chosen, seed)
+
+
+def roll_out_together(
+    cases: Sequence[Case], dynamics: str, actuators: str, seeds: Sequence[int], episodes: int
+) -> list[list[Trajectory]]:
+    """Returns what `roll_out` does of each of some cases of every scenario and its seed, which differ in family alone.
+
+    All of them are driven at once: a control period of one robot takes as long as that of some ten.
+    """
+    first = cases[0]
+    hull_radius = robot_of(first.env_kwargs["robot"]).hull_radius
+    banks = [scenarios_of(spec_of(case.env_id), case.scenario, hull_radius) for case in cases]
+    bank = [each[k % len(each)] for each in banks for k in range(episodes)]
+    env = make_vector(first, dynamics, actuators, len(bank), bank)
+    whose = [case for case in cases for _ in range(episodes)]
+    driven = _driven(env, whose, [seed + k for seed in seeds for k in range(episodes)], list(range(len(bank))))
+    return [driven[k : k + episodes] for k in range(0, len(driven), episodes)]
+
+
+def _driven(
+    env: NativeVectorEnv, cases: Sequence[Case], seeds: list[int], scenarios: list[int] | None, of_policy: int = 0
+) -> list[Trajectory]:
+    """Returns the trajectory of each robot, of the case and with the seed of its place, on the chosen scenarios."""
+    case, episodes = cases[0], len(cases)
+    pilot = Pilot(make_policy(case, of_policy), env)
+    chosen = {"scenario": scenarios} if scenarios is not None else None
+    observations, _ = env.reset(seed=seeds, options=chosen)
     pilot.reset()
     briefing = env.briefing("map")
     # np.empty takes no memory until it is written to, so that a long clock costs nothing by itself
@@ -105,7 +136,7 @@ def roll_out(
             drive.rest()
     env.close()
     driven = [
-        _trajectory(env, briefing, pilot.policy, i, history[: lengths[i], i].copy(), flags[i], case)
+        _trajectory(env, briefing, pilot.policy, i, history[: lengths[i], i].copy(), flags[i], cases[i])
         for i in range(episodes)
     ]
     return [dataclasses.replace(each, faults=int(count)) for each, count in zip(driven, faults, strict=True)]

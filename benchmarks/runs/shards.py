@@ -25,7 +25,7 @@ from wayfield.benchmarks.records.results import TRAJECTORIES, read_trajectories,
 from wayfield.benchmarks.records.run_folder import DRIVES, UNFINISHED, file_digest
 from wayfield.benchmarks.records.trajectory import Trajectory
 from wayfield.benchmarks.runs.payloads import sent
-from wayfield.benchmarks.runs.suite import Episode, Setting, episodes
+from wayfield.benchmarks.runs.suite import Episode, Setting, episodes_together, together
 from wayfield.envs import goal_reaching
 from wayfield.envs.robots import robot_of
 from wayfield.envs.scenarios import scenarios_of, splits
@@ -94,10 +94,17 @@ def run_contest(
         missing.append(part)
     if len(missing) < len(parts):
         say(f"{len(parts) - len(missing)} of {len(parts)} parts are there from before")
-    work = sent(executor, play, [part.setting for part in missing])
     compiles = tell_of_compiling(goal_reaching.step_rows)
-    for k, files in tracked(executor.as_done(*work), len(missing), "runs", compiles):
-        keep(missing[k], files)
+    settings_left = [part.setting for part in missing]
+    if executor.remote:
+        for k, files in tracked(executor.as_done(*sent(executor, play, settings_left)), len(missing), "runs", compiles):
+            keep(missing[k], files)
+    else:
+        groups = together(settings_left)
+        items = [tuple(settings_left[k] for k in group) for group in groups]
+        for k, of_group in tracked(executor.as_done(play_together, items), len(items), "runs", compiles):
+            for number, files in zip(groups[k], of_group, strict=True):
+                keep(missing[number], files)
     for part in parts:
         if changed := _changed(part):
             raise ValueError(f"{changed} was changed while {part} was played: the same command plays it again")
@@ -187,11 +194,19 @@ def played(setting: Setting) -> list[Episode]:
     Raises:
         ValueError: if an agent, a split or a policy of the user's own is damaged.
     """
+    return played_together((setting,))[0]
+
+
+def played_together(settings: Sequence[Setting]) -> list[list[Episode]]:
+    """Returns `played` of each of some settings that are driven `together`."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", NewToAgent)  # the table shows how agents do there
         warnings.simplefilter("ignore", FileNote)  # said where the courses were made
-        driven = zip(episodes(setting), declared(setting), strict=True)
-        return [(row | more, trajectory) for (row, trajectory), more in driven]
+        complete = []
+        for setting, driven in zip(settings, episodes_together(settings), strict=True):
+            rows = zip(driven, declared(setting), strict=True)
+            complete.append([(row | more, trajectory) for (row, trajectory), more in rows])
+        return complete
 
 
 def declared(setting: Setting) -> list[dict[str, Any]]:
@@ -292,13 +307,21 @@ def in_frames(count: int) -> str:
 
 def play(setting: Setting) -> dict[str, bytes]:
     """Returns the files of a part, by their name: its rows, the trajectories that are kept, and the drives of all."""
+    return play_together((setting,))[0]
+
+
+def play_together(settings: Sequence[Setting]) -> list[dict[str, bytes]]:
+    """Returns `play` of each of some settings that are driven `together`."""
+    return [_files(setting, driven) for setting, driven in zip(settings, played_together(settings), strict=True)]
+
+
+def _files(setting: Setting, driven: Sequence[Episode]) -> dict[str, bytes]:
     most, cost = setting.keep, ALL_CONTESTS[setting.case.contest].spec.cost.metric
-    episodes = played(setting)
-    order = sorted(range(len(episodes)), key=lambda i: badness(episodes[i][0], cost))
-    trajectories = {f"{i:05d}": episodes[i][1] if most is None else slim(episodes[i][1]) for i in order[:most]}
-    drives = {i: drive_of(trajectory) for i, (_, trajectory) in enumerate(episodes)}
+    order = sorted(range(len(driven)), key=lambda i: badness(driven[i][0], cost))
+    trajectories = {f"{i:05d}": driven[i][1] if most is None else slim(driven[i][1]) for i in order[:most]}
+    drives = {i: drive_of(trajectory) for i, (_, trajectory) in enumerate(driven)}
     own = isinstance(setting.case.entrant, OwnClass)
-    return _packed([row for row, _ in episodes], trajectories, drives, sources() if own else {})
+    return _packed([row for row, _ in driven], trajectories, drives, sources() if own else {})
 
 
 def _changed(part: Part) -> str:

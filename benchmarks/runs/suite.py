@@ -10,7 +10,7 @@ from typing import Any
 from wayfield.benchmarks.contests import OF_KIND
 from wayfield.benchmarks.episodes import crowds
 from wayfield.benchmarks.episodes.metrics import measure
-from wayfield.benchmarks.episodes.rollout import roll_out
+from wayfield.benchmarks.episodes.rollout import roll_out, roll_out_together
 from wayfield.benchmarks.records.cases import Case
 from wayfield.benchmarks.records.episode import Episodes, Row
 from wayfield.benchmarks.records.progress import tell_of_compiling, tracked
@@ -22,6 +22,7 @@ from wayfield.envs.tasks.specs import CROWDS
 from wayfield.policies.parts.rehearsal import unrehearsed
 
 Episode = tuple[dict[str, Any], Trajectory]
+FEW = 4  # episodes of a setting, up to which several are driven at once
 WORST = 3  # episodes of each entry of a contest that are shown
 
 
@@ -80,6 +81,38 @@ def episodes(setting: Setting) -> list[Episode]:
         return _driven(setting)
 
 
+def together(settings: Sequence[Setting]) -> list[list[int]]:
+    """Returns the numbers of settings, of those that are driven at once in a list: of few episodes, on other families.
+
+    What of the package drives in frozen scenarios drives the same alone and beside others, bit for bit.
+    """
+    groups: dict[str, list[int]] = {}
+    for k, setting in enumerate(settings):
+        case = setting.case
+        frozen = case.scenario.partition("@")[0] == f"{case.family}/{case.split}" and case.every_scenario
+        alone = not frozen or setting.members or setting.numbers or setting.episodes > FEW or case.policy == "random"
+        if alone or case.entrant or setting.dynamics != "kinematic" or spec_of(case.env_id) in CROWDS.values():
+            groups[str(k)] = [k]
+        else:
+            alike = dataclasses.replace(setting, case=dataclasses.replace(case, family="", scenario=""), seed=0)
+            groups.setdefault(repr(alike), []).append(k)
+    return list(groups.values())
+
+
+def episodes_together(settings: Sequence[Setting]) -> list[list[Episode]]:
+    """Returns the episodes of each of some settings of a list of `together`."""
+    first = settings[0]
+    if len(settings) == 1:
+        return [episodes(first)]
+    cases, seeds = [setting.case for setting in settings], [setting.seed for setting in settings]
+    with unrehearsed():
+        driven = roll_out_together(cases, first.dynamics, first.actuators, seeds, first.episodes)
+    return [
+        [_measured(setting, i, trajectory) for i, trajectory in enumerate(trajectories)]
+        for setting, trajectories in zip(settings, driven, strict=True)
+    ]
+
+
 def _driven(setting: Setting) -> list[Episode]:
     case, numbers = setting.case, setting.numbers or range(setting.episodes)
     how: dict[str, Any] = {
@@ -95,19 +128,14 @@ def _driven(setting: Setting) -> list[Episode]:
         return [
             (_row(setting, i, crowds.measured(each)), each.shown()) for i, each in zip(numbers, worlds, strict=True)
         ]
+    return [_measured(setting, i, each) for i, each in zip(numbers, roll_out(case, **how), strict=True)]
+
+
+def _measured(setting: Setting, episode: int, trajectory: Trajectory) -> Episode:
+    case = setting.case
     metrics = OF_KIND[spec_of(case.env_id).kind].metrics
-    return [
-        (
-            _row(
-                setting,
-                i,
-                measure(trajectory, case.arrival_radius)
-                | {column.name: metric(trajectory) for column, metric in metrics.items()},
-            ),
-            trajectory,
-        )
-        for i, trajectory in zip(numbers, roll_out(case, **how), strict=True)
-    ]
+    of_contest = {column.name: metric(trajectory) for column, metric in metrics.items()}
+    return _row(setting, episode, measure(trajectory, case.arrival_radius) | of_contest), trajectory
 
 
 def _row(setting: Setting, episode: int, measured: Mapping[str, float]) -> dict[str, Any]:

@@ -19,6 +19,8 @@ from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 
+from wayfield.benchmarks.commands.contest_options import Options
+from wayfield.benchmarks.contests import OVERVIEW
 from wayfield.benchmarks.records import archive
 from wayfield.benchmarks.records.cases import Case
 from wayfield.benchmarks.records.results import (
@@ -32,7 +34,7 @@ from wayfield.benchmarks.records.results import (
 from wayfield.benchmarks.records.run_folder import MANIFEST, Run, held, staging
 from wayfield.benchmarks.records.trajectory import Trajectory
 from wayfield.benchmarks.runs import shards
-from wayfield.benchmarks.runs.suite import Setting
+from wayfield.benchmarks.runs.suite import Setting, together
 from wayfield.system.command_line import OneLineErrors
 from wayfield.system.executors import HERE, workers
 
@@ -203,7 +205,7 @@ def made_up(monkeypatch):
             for i in range(setting.episodes)
         ]
 
-    monkeypatch.setattr(shards, "episodes", episodes)
+    monkeypatch.setattr(shards, "episodes_together", lambda settings: list(map(episodes, settings)))
     return played
 
 
@@ -499,3 +501,25 @@ def test_a_speed_sweep_has_a_file_of_its_own(tmp_path, splits, apart):
     assert (tmp_path / "speed_sweep.csv").is_file() == bool(apart)
     assert len((tmp_path / "episodes.csv").read_text().splitlines()) == 1 + len(rows) - apart
     assert [(row["policy"], row["split"]) for row in read_rows(tmp_path)] == [(r["policy"], r["split"]) for r in rows]
+
+
+@pytest.mark.parametrize(
+    ("contest", "policy"),
+    [
+        ("path-following", "regulated_pure_pursuit"),
+        ("goal-obstacles", "vfh_plus"),
+        ("docking", "ppo"),
+        ("trajectory-tracking", "kanayama"),
+    ],
+)
+def test_families_that_are_driven_at_once_are_driven_as_alone(contest: str, policy: str) -> None:
+    options = Options(suite=OVERVIEW, contests=(contest,), policies=(policy,), gains="best", episodes=2)
+    settings = options.settings()
+    groups = together(settings)
+    assert sorted(k for group in groups for k in group) == list(range(len(settings)))
+    chosen = [settings[k] for k in max(groups, key=len)[-3:]]
+    assert len(chosen) == 3
+    for setting, found in zip(chosen, shards.played_together(chosen), strict=True):
+        for (row, trajectory), (other, alone) in zip(found, shards.played(setting), strict=True):
+            assert repr(row) == repr(other)
+            assert trajectory.poses.tobytes() == alone.poses.tobytes()

@@ -238,7 +238,7 @@ PATCHED = {
     "wayfield.benchmarks.figures.contest_figures.draw_contest": "as above",
     "wayfield.benchmarks.statistics.aggregates.MANY": "rows from which on an interval is estimated otherwise",
     "wayfield.benchmarks.records.archive.MOST_BYTES": "a limit of gigabytes",
-    "wayfield.benchmarks.runs.shards.episodes": "what becomes of the files of a part, whoever drove it",
+    "wayfield.benchmarks.runs.shards.episodes_together": "what becomes of the files of a part, whoever drove it",
     "wayfield.benchmarks.runs.shards.keep": "workers are killed in the moment in which a part is kept",
     "wayfield.bridges.coppelia.calls_data.MAX_STORED": "a limit of megabytes",
     "wayfield.bridges.coppelia.server.MAX_CLIENTS": "a limit of many connections",
