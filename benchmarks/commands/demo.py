@@ -52,13 +52,13 @@ SENTENCE = (
 CHALLENGES = [
     {"name": name, "family": family, "seed": seed, "robot": robot}
     for name, family, seed, robot in (
-        ("open field", "goal: open_fields", 0, "p3dx"),
+        ("open field", "goal: open_fields", 4, "p3dx"),
         ("wide doors", "goal: doors_wide", 4, "p3dx"),
         ("few obstacles", "goal: clutter_5", 1, "p3dx"),
         ("oncoming traffic", "goal: moving_head_on", 0, "p3dx"),
         ("corridors", "goal: corridors", 1, "p3dx"),
         ("dead end", "goal: u_traps_15", 0, "p3dx"),
-        ("people crossing", "people: crossing_flow_8", 0, "omni3"),
+        ("people in a corridor", "people: lanes_12", 0, "omni3"),
         ("moving crowd", "goal: moving_crowd", 0, "p3dx"),
         ("narrow doors", "goal: doors_narrow", 1, "p3dx"),
         ("parking", "dock: open", 0, "p3dx"),

@@ -35,9 +35,14 @@ function rank(label) {
   if (!ranks.has(label)) ranks.set(label, ranks.size);
   return ranks.get(label);
 }
-const colourName = (label) => `--c${rank(label) % COLOURS}`;
+const YOURS = 2; // the colour of the hand in the demo, which nobody else has
+// From the tenth on colours come again, dashed.
+function colourName(label) {
+  const nth = (rank(label) - COLOURS) % (COLOURS - 1);
+  return `--c${rank(label) < COLOURS ? rank(label) : nth + (nth < YOURS ? 0 : 1)}`;
+}
 const colourOf = (label) => `var(${colourName(label)})`;
-const dashOf = (label) => DASHES[Math.floor(rank(label) / COLOURS) % DASHES.length];
+const dashOf = (label) => DASHES[Math.max(Math.floor((rank(label) - 1) / (COLOURS - 1)), 0) % DASHES.length];
 
 let inks = null;
 function ink(name) {

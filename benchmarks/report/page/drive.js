@@ -4,7 +4,7 @@ const KEYBOARD = "you, by keyboard or pad";
 const GHOST = "a friend (ghost)"; // what a link carries of a run by hand
 const MOTORS = { ideal: "perfect", lagged: "normal", slow: "sluggish" };
 const FAST = 6; // ms of a frame for the simulator
-const WAITS = "The picture waits while all runs are computed.";
+const WAITS = "Slow motion: the runs are still being computed.";
 const WAITED = 50; // ms, of a frame that waits for it
 const IDLE = 14; // ms at a time while nothing plays
 const AHEAD = 3000; // ms to catch up at once
@@ -249,6 +249,8 @@ class Drive {
     for (const label of from ? [] : this.race.rivals()) if (!this.runs.some((run) => run.asked.label === label)) this.add({ label }, false);
     const run = this.add({ label: KEYBOARD, from, step });
     this.hand = run;
+    this.replay.seek(step);
+    for (const actor of this.replay.actors) actor.seen = null; // how they end is told anew
     this.replay.toggle(false);
     try {
       this.begin(run, true);

@@ -92,7 +92,7 @@ class Race {
     const { replay } = this;
     if (run.tape.length && this.late) return "The others have ended. Drive on, or press “Race it” to start again.";
     const turn = coarse() ? `hold “ahead” to drive, ${run.simulator.body.axes.length > 2 ? "“turn left” and “turn right”" : "“left” and “right”"} to turn` : "hold ↑ to drive, ← and → to turn";
-    return `${ASKED[replay.world.kind] || "Drive to the star"}: ${turn}${run.simulator.body.axes.length > 2 ? "; it goes sideways too" : ""}. ${run.tape.length ? replay.actors.length > 1 ? "You pass through the other racers." : "" : "The clock waits for your first press."}`;
+    return `${ASKED[replay.world.kind] || "Drive to the star"}: ${turn}${run.simulator.body.axes.length > 2 ? coarse() ? "; “go left” and “go right” move sideways" : "; A and D move sideways" : ""}. ${run.tape.length ? replay.actors.length > 1 ? "You pass through the other racers." : "" : "The clock waits for your first press."}`;
   }
 
   // Whether nobody else is on the way.
@@ -199,13 +199,15 @@ class Race {
       replay.takeOut(hand.actor);
       replay.fit();
     }
-    if (replay.world.path || !replay.world.goal) this.place(this.challenges[0]);
+    const along = replay.world.path;
+    if (along || !replay.world.goal) this.place(this.challenges[0]);
     replay.split(null);
     if (!drive.runs.length) {
       if (drive.who.value === KEYBOARD) drive.who.value = drive.usual(drive.able());
       drive.go();
     }
     drive.editor.take("disc", keys, true);
+    if (along) drive.editor.tell("Nothing stands beside a path, so this is the open field. Click or tap where a disc is to stand.");
   }
 
   // Who drives beside the hand: a trained network, and controllers.
@@ -228,7 +230,7 @@ class Race {
       this.banner.replaceChildren(el("strong", {}, left ? String(left) : "Go!"));
       this.banner.hidden = false;
       canvas.focus({ preventScroll: true });
-      if (left) this.timer = setTimeout(() => show(left - 1), 700);
+      this.timer = setTimeout(() => (left ? show(left - 1) : (this.banner.hidden = true)), left ? 700 : 1500);
     };
     if (!this.looks && !still()) { show(3); return; }
     this.banner.hidden = true;
