@@ -204,9 +204,10 @@ def _limited(states: NDArray[Any], params: NDArray[np.void], briefing: Briefing)
         return np.full(len(states), np.nan)
     vx, vy, w = (np.diff(states[f"command_{axis}"], prepend=np.nan) for axis in ("vx", "vy", "yaw_rate"))
     most = (1.0 - 1e-9) * briefing.dt
-    reached = np.hypot(vx, vy) >= most * briefing.actuators.acceleration
+    reached: NDArray[np.bool_] = np.hypot(vx, vy) >= most * briefing.actuators.acceleration
     reached |= np.abs(w) >= most * briefing.actuators.yaw_acceleration
-    return (reached | (states["saturated"] != 0)).astype(np.float64)
+    reached |= states["saturated"] != 0
+    return reached.astype(np.float64)
 
 
 def _under(rules: Rules, driven: Trajectory, scenario: Any) -> Trajectory:

@@ -65,6 +65,7 @@ ALLOWED = {
     ("benchmarks/records/results.py", "read_table"): "called by the readers of episodes and decisions",
     ("bridges/coppelia/codec.py", "_request_of_file"): "calls the reader of requests",
     ("envs/scenarios/files.py", "_content"): "called by the readers of scenarios of one's own",
+    ("envs/scenarios/files.py", "of_no_scenario"): "called by them, of a file that is none",
     ("benchmarks/figures/video.py", "_mp4"): "takes what the encoder has just written",
 }
 
