@@ -248,9 +248,9 @@ class Drive {
     this.endHand();
     for (const label of from ? [] : this.race.rivals()) if (!this.runs.some((run) => run.asked.label === label)) this.add({ label }, false);
     const run = this.add({ label: KEYBOARD, from, step });
-    this.hand = run;
-    this.replay.seek(step);
+    this.replay.seek(step); // before there is a hand: it is shown with its simulator
     for (const actor of this.replay.actors) actor.seen = null; // how they end is told anew
+    this.hand = run;
     this.replay.toggle(false);
     try {
       this.begin(run, true);
