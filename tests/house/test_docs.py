@@ -6,7 +6,6 @@ import re
 from pathlib import Path
 
 import everywhere
-import filters
 import flocks
 import front_page
 import interval_coverage
@@ -105,11 +104,6 @@ def test_page_and_readme_are_what_the_kept_tables_make() -> None:
     kept = results_page.Store(ROOT)
     for name, content in (results_page.pages(kept) | front_page.readme(kept)).items():
         assert (ROOT / name).read_text(encoding="utf-8") == content.decode(), f"{name}: run {publish.__name__}"
-
-
-def test_the_page_of_the_filters_is_what_its_rows_make() -> None:
-    rows = part_rows.read(ROOT / filters.TABLE)
-    assert (ROOT / filters.PAGE).read_text(encoding="utf-8") == filters.page(rows)
 
 
 def test_the_page_of_the_driver_for_every_robot_is_what_its_rows_make() -> None:
