@@ -93,27 +93,42 @@ def test_no_gain_takes_what_is_no_value_of_it(name: str) -> None:
 # At the wheel.
 
 
-@every_pair
-@pytest.mark.parametrize(("action_mode", "dynamics"), [("twist", "kinematic"), ("wheel_speeds", "pymunk")])
-def test_a_pilot_drives_one_and_many_alike(name: str, env_id: str, action_mode: str, dynamics: str) -> None:
+# each pair in one of them, and so most policies in two; the plants and all pairs of them are slow
+MODES = [("twist", "kinematic"), ("wheel_speeds", "kinematic"), ("wheel_speeds", "pymunk")]
+IN_A_MODE = [
+    pytest.param(*pair, *mode, id="-".join([pair[0], pair[1][9:-3], *mode]), marks=() if quick else pytest.mark.slow)
+    for k, pair in enumerate(EVERY_PAIR)
+    for mode in MODES
+    for quick in [mode == MODES[k % 2]]
+]
+
+
+@pytest.mark.parametrize(("name", "env_id", "action_mode", "dynamics"), IN_A_MODE)
+def test_a_pilot_drives_one_and_many_alike_and_by_a_briefing_in_place_of_the_environment(
+    name: str, env_id: str, action_mode: str, dynamics: str
+) -> None:
     options: dict[str, Any] = {"action_mode": action_mode, "dynamics": dynamics, "actuators": "lagged"}
     options |= senses(name, env_id)
     many: Any = gymnasium.make_vec(env_id, 3, **options)
     singles = [gymnasium.make(env_id, **options) for _ in range(3)]
     seen, _ = many.reset(seed=8)
     each = [env.reset(seed=8 + i)[0] for i, env in enumerate(singles)]
-    pilot = Pilot(policies.make(name), many)
+    policy = policies.make(name)
+    pilot, briefed = Pilot(policy, many), Pilot(policy, many.briefing("path" if policy.knows == "path" else "map"))
     pilot.reset()
+    briefed.reset()
     # robot i of a batch draws its own random numbers
     pilots = [Pilot(policies.make(name, **({"seed": 0} if name == "random" else {})), env) for env in singles]
     for each_pilot in pilots:
         each_pilot.reset()
     # what a law remembers and plans anew shows in the first, what the other changes in every step
-    for _ in range(25 if dynamics == "kinematic" else 8):
+    for k in range(25 if dynamics == "kinematic" else 8):
         actions = pilot.act(seen)
         assert actions.shape == many.action_space.shape
         assert np.isfinite(actions).all()
         assert actions.dtype == np.float32
+        if k < 3 and name != "random":
+            assert briefed.act(seen).tobytes() == actions.tobytes()
         for i, env in enumerate(singles):
             if name == "random" and i > 0:
                 continue
@@ -124,21 +139,6 @@ def test_a_pilot_drives_one_and_many_alike(name: str, env_id: str, action_mode: 
             assert not terminated
         seen, _, terminated, _, _ = many.step(actions)
     assert not terminated[0]
-
-
-@every_pair
-def test_a_briefing_in_place_of_the_environment_is_driven_alike(name: str, env_id: str) -> None:
-    env: Any = gymnasium.make_vec(env_id, 2, **senses(name, env_id))
-    seen, _ = env.reset(seed=3)
-    policy = policies.make(name)
-    pilot, other = Pilot(policy, env), Pilot(policy, env.briefing("path" if policy.knows == "path" else "map"))
-    pilot.reset()
-    other.reset()
-    for _ in range(3):
-        action = pilot.act(seen)
-        if name != "random":
-            assert other.act(seen).tobytes() == action.tobytes()
-        seen, *_ = env.step(action)
 
 
 def test_a_briefing_that_lacks_what_a_policy_needs_is_refused() -> None:
@@ -163,9 +163,10 @@ def _started(name: str, env: Any, seed: int = 0) -> tuple[Pilot, Any]:
 
 
 @every_pair
-@pytest.mark.parametrize("actuators", ["ideal", "slow"])
-def test_an_action_is_a_member_of_the_space(name: str, env_id: str, actuators: str) -> None:
-    for robot, mode in itertools.product(ROBOTS_OF[env_id], ("twist", "wheel_speeds")):
+@pytest.mark.parametrize("whole", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["one drive", "every drive"])
+def test_an_action_is_a_member_of_the_space(name: str, env_id: str, whole: bool) -> None:
+    drives = list(itertools.product(ROBOTS_OF[env_id], ("twist", "wheel_speeds"), ("ideal", "slow")))
+    for robot, mode, actuators in drives if whole else [drives[EVERY_PAIR.index((name, env_id)) % len(drives)]]:
         # what a law asks for is largest at the start, far from goals and beside paths
         env = _vector(env_id, robot=robot, action_mode=mode, actuators=actuators, **senses(name, env_id))
         pilot, seen = _started(name, env)
@@ -277,18 +278,18 @@ def test_a_policy_is_refused_by_a_robot_that_cannot_do_what_it_needs() -> None:
 
 
 @pytest.mark.parametrize("env_id", IDS)
-@pytest.mark.parametrize("knows", KNOWS)
 @pytest.mark.parametrize("make", [gymnasium.make, gymnasium.make_vec])
-def test_a_policy_is_told_what_it_declares_and_no_more(env_id: str, knows: str, make: Any) -> None:
+def test_a_policy_is_told_what_it_declares_and_no_more(env_id: str, make: Any) -> None:
     env = make(env_id).unwrapped
     env.reset(seed=0)
-    told = env.briefing(knows)
     along = env_id in (*IDS_OF[path_following.Observation], *TIMED_IDS)
-    own, other = (told.path, told.goal) if along else (told.goal, told.path)
-    assert other is None
-    assert (own is None) == (knows in ("sensors", "bodies"))
-    assert (told.map is None) == (knows not in ("map", "team_map"))
-    assert told.map is None or told.map.counts.shape == told.map.obstacles.shape[:1]
+    for knows in KNOWS:
+        told = env.briefing(knows)
+        own, other = (told.path, told.goal) if along else (told.goal, told.path)
+        assert other is None
+        assert (own is None) == (knows in ("sensors", "bodies"))
+        assert (told.map is None) == (knows not in ("map", "team_map"))
+        assert told.map is None or told.map.counts.shape == told.map.obstacles.shape[:1]
     with pytest.raises(ValueError, match="knows='everything' is unknown"):
         env.briefing("everything")
 
