@@ -43,9 +43,10 @@ def browser() -> Iterator[Browser]:
 
 
 def by_hand(tab: Page) -> None:
-    """Takes the wheel, by the list of who drives."""
-    tab.get_by_label("who drives").select_option(label="drive it yourself (arrow keys)")
-    tab.get_by_role("button", name="run this one").click()
+    """Takes the wheel in the scene on the screen."""
+    shown = tab.evaluate("[replay.world.family, replay.world.name, replay.robot]")
+    tab.get_by_role("button", name="Race it").click()
+    assert tab.evaluate("[replay.world.family, replay.world.name, replay.robot]") == shown
 
 
 def opened(family: str) -> dict[str, Any]:
@@ -348,8 +349,8 @@ def test_a_race_has_a_result_and_its_link_carries_the_run(browser: Browser, file
     with Watched(browser, files["demo"], viewport={"width": 390, "height": 844}, reduced_motion="reduce") as watched:
         tab = watched.page
         banner = tab.locator(".banner")
-        tab.get_by_role("button", name="Race it").click()
-        assert "clock waits for your first press" in tab.locator(".hint").first.inner_text()
+        by_hand(tab)
+        assert "clock waits for your first press" in tab.locator(".sentence").inner_text()
         for key in ("ArrowLeft", "ArrowUp"):
             tab.keyboard.down(key)
             tab.wait_for_timeout(150)
@@ -372,7 +373,7 @@ def test_a_race_has_a_result_and_its_link_carries_the_run(browser: Browser, file
         assert other.evaluate("drive.runs.length") == 5  # three rivals, the ghost, and another hand
         tab.keyboard.up("ArrowUp")
         tab.keyboard.press("r")
-        assert "clock waits for your first press" in tab.locator(".hint").first.inner_text()
+        assert "clock waits for your first press" in tab.locator(".sentence").inner_text()
         assert tab.evaluate("drive.hand.actor.x.length") == 1
         assert watched.errors == []
 
@@ -542,7 +543,7 @@ def test_the_chosen_policy_goes_first_and_all_stand_at_the_start(browser: Browse
         }"""
         assert tab.evaluate(first) == ["orca_team"]
         # no moment is shown that one of those who race has not come to
-        tab.get_by_role("button", name="race them all").click()
+        tab.get_by_role("button", name="watch all").click()
         behind = "drive.runs.filter(({ actor, pending }) => pending && actor.x.length <= replay.step).length"
         while tab.evaluate("replay.step") < 40:
             assert tab.evaluate(f"[replay.playing, {behind}]") == [True, 0]
@@ -582,7 +583,7 @@ def test_runs_chosen_in_the_page_are_those_of_python(browser: Browser, files: di
             told.append(
                 choose("who drives", lambda each, policy=policy: each.startswith(policy) and each[:4] != "you,")
             )
-            tab.get_by_role("button", name="run this one").click()
+            tab.get_by_role("button", name="watch this one").click()
             watched.until(DRIVEN)
             assert tab.evaluate("replay.chosen.policy") == told[-1]
             same_in_python(tab, told[-1])

@@ -60,7 +60,6 @@ class Draws {
     }
     this.replay.show(world, robot, [], `${world.walks ? `${ABOUT_BODIES[world.kind]} ` : ""}The networks did not train in this scene. In Python: ${world.family}, no. ${world.seed}.`);
     if (!drive || this.silent) return;
-    if (drive.who.value === KEYBOARD) drive.who.value = drive.usual(drive.able()) || KEYBOARD;
     drive.go(false);
   }
 

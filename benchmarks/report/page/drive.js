@@ -53,12 +53,13 @@ class Drive {
     const [disturbance, disturbanceLabel] = select("disturbance", Object.keys(kernels.tables.disturbances));
     Object.assign(this, { who, from, robot, tier, disturbance });
     tier.value = "lagged";
-    this.goButton = button("run this one", () => this.go());
-    this.allButton = button("race them all", () => this.all());
+    this.goButton = button("watch this one", () => this.go());
+    this.allButton = button("watch all", () => this.all());
+    this.handButton = free ? null : button("drive it yourself", () => this.race.start()); // elsewhere it stands above the picture
     this.result = el("p", { class: "note", role: "status" });
     this.cannot = el("p", { class: "note" });
     this.about = el("p", { class: "note about" });
-    this.choice = el("div", { class: "choice" }, who, el("div", { class: "whole" }, this.goButton, this.allButton), this.about);
+    this.choice = el("div", { class: "choice" }, who, el("div", { class: "whole" }, this.goButton, this.allButton, this.handButton), this.about);
     this.pad = el("div", { class: "pad", hidden: true, role: "group", "aria-label": "drive by hand" });
     replay.quick.append(this.choice, this.pad, this.result);
     this.conditionsPart = el("details", { class: "scenes" }, el("summary", {}, "Robot and conditions"),
@@ -128,9 +129,9 @@ class Drive {
     if (told && told !== this.toldOf) { this.toldOf = told; this.tier.value = told.actuators; }
     const able = this.able();
     const shown = this.runs.find((run) => run.actor === replay.chosen); // who is looked at is who is chosen
-    const before = shown && shown.asked.label !== GHOST ? shown.asked.label : who.value;
-    who.replaceChildren(...[KEYBOARD, ...able].map((each) => el("option", { value: each }, each !== KEYBOARD ? called(each) : coarse() ? "drive it yourself" : "drive it yourself (arrow keys)")));
-    who.value = able.includes(before) || before === KEYBOARD ? before : this.usual(able) || KEYBOARD;
+    const before = shown && able.includes(shown.asked.label) ? shown.asked.label : who.value;
+    who.replaceChildren(...able.map((each) => el("option", { value: each }, called(each))));
+    who.value = able.includes(before) ? before : this.usual(able);
     const others = replay.told.demo ? (replay.told.demo.unable || {})[replay.world.kind] || [] : [];
     const unable = [...new Set([...replay.actors.filter((actor) => actor.told && !able.includes(actor.policy)).map((actor) => actor.policy), ...others])];
     const reason = (label) => (REASONS.find(([start]) => label.startsWith(start)) || ["", "decides in NumPy"])[1];
@@ -140,7 +141,7 @@ class Drive {
     if (elsewhere.length) this.cannot.textContent += ` With another robot: ${elsewhere.join(", ")}.`;
     if (!this.task) this.cannot.textContent = "Such scenarios are replayed; no policy can drive in them in the page.";
     if (outlined(replay.world)) this.cannot.textContent += " The map is too large for the page: here one drives among the walls of its outline, and runs are near those of Python, not the same to the last bit.";
-    for (const each of [this.goButton, this.allButton]) each.disabled = !this.task;
+    for (const each of [this.goButton, this.allButton, this.handButton]) if (each) each.disabled = !this.task;
     this.about.textContent = aboutOf(who.value);
     this.gains.offer();
     this.race.tellScene();
@@ -183,15 +184,14 @@ class Drive {
   }
 
   // Drives what is chosen; `play` also takes the focus to the picture, which only a click may do.
-  go(play = true) {
+  go(play = true, label = this.who.value) {
     const { replay } = this;
     const from = this.from.value === "the start" ? null : replay.chosen;
     const step = from ? Math.min(replay.step, from.x.length - 1) : 0;
-    const label = this.who.value;
     this.result.textContent = "";
     if (this.replay.blank) this.editor.take(null);
     if (label === KEYBOARD) this.takeOver(from, step);
-    else this.add({ label, from, step });
+    else if (label) this.add({ label, from, step });
     replay.seek(step);
     this.catchUp();
     if (play) replay.canvas.focus({ preventScroll: true });
@@ -243,7 +243,7 @@ class Drive {
     this.note(actor, this.starts.pose, this.starts.error, this.starts.others);
   }
 
-  // Driven by hand, against some that drive beside it: the clock waits for the countdown, or for the first key.
+  // Driven by hand, against some that drive beside it: the clock waits for the first key.
   takeOver(from, step) {
     this.endHand();
     for (const label of from ? [] : this.race.rivals()) if (!this.runs.some((run) => run.asked.label === label)) this.add({ label }, false);
@@ -262,9 +262,9 @@ class Drive {
     this.layPad();
     this.replay.pace(1);
     this.replay.fit();
+    this.race.clear();
     this.race.tellScene();
     window.scrollTo({ top: 0, behavior: "instant" }); // picture and pad in one view
-    this.race.countDown();
     this.wake();
   }
 

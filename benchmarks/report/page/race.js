@@ -1,4 +1,4 @@
-// Races against controllers and a network: numbered challenges, a countdown, the result in the picture, medals, and a friend's ghost.
+// Races against controllers and a network: numbered challenges, the result, medals, and a friend's ghost.
 
 const RIVALS = ["astar_tracker", "vfh_plus", "reeds_shepp", "orca_team", "polar", "dwa", "lqr", "pure_pursuit"];
 const BEST = "wayfield best times"; // in the browser's storage
@@ -39,18 +39,23 @@ class Race {
     this.banner = el("div", { class: "banner", hidden: true, role: "status" });
     drive.replay.board.append(this.banner);
     new ResizeObserver(() => {
-      if (this.banner.matches(".count, [hidden]")) return;
+      if (!this.shown) return;
       this.replay.fit();
       this.settle();
     }).observe(this.replay.canvas);
     if (this.challenges.length) this.lay();
     document.addEventListener("keydown", (event) => {
       const key = event.key.toLowerCase();
-      const act = key === "r" ? this.drive.hand && (() => this.again()) : key === "escape" ? !this.banner.matches(".count, [hidden]") && (() => this.close()) : key === "enter" && event.target === this.replay.canvas && this.begin;
+      const act = key === "r" ? (this.drive.hand || this.shown) && (() => this.again()) : key === "escape" && this.shown && (() => this.close());
       if (!act || event.ctrlKey || event.metaKey || event.altKey || /INPUT|SELECT/.test(event.target.tagName)) return;
       event.preventDefault();
       act();
     });
+  }
+
+  // Whether a card is there.
+  get shown() {
+    return !this.banner.matches(".count, [hidden]");
   }
 
   // The sentence and the three buttons above the picture; what a tool or a law's thinking is about takes the sentence's place.
@@ -91,8 +96,11 @@ class Race {
   asked(run) {
     const { replay } = this;
     if (run.tape.length && this.late) return "The others have ended. Drive on, or press “Race it” to start again.";
-    const turn = coarse() ? `hold “ahead” to drive, ${run.simulator.body.axes.length > 2 ? "“turn left” and “turn right”" : "“left” and “right”"} to turn` : "hold ↑ to drive, ← and → to turn";
-    return `${ASKED[replay.world.kind] || "Drive to the star"}: ${turn}${run.simulator.body.axes.length > 2 ? coarse() ? "; “go left” and “go right” move sideways" : "; A and D move sideways" : ""}. ${run.tape.length ? replay.actors.length > 1 ? "You pass through the other racers." : "" : "The clock waits for your first press."}`;
+    const omni = run.simulator.body.axes.length > 2;
+    const turn = coarse() ? `hold “ahead”${omni ? ", “go left” or “go right”" : ", turn by “left” and “right”"}` : `hold ↑, turn by ← and →${omni ? "; A and D go sideways" : ""}`;
+    const [count, found] = [replay.actors.length, this.best[this.now < 0 ? "" : this.key(this.now)]];
+    const prize = `${count > 1 ? `Gold for the first of ${count}. ` : ""}${found ? `Your best: ${found.time.toFixed(2)} s. ` : ""}`;
+    return `${ASKED[replay.world.kind] || "Drive to the star"}: ${turn}. ${run.tape.length ? count > 1 ? "You pass through the other racers." : "" : `${prize}The clock waits for your first press.`}`;
   }
 
   // Whether nobody else is on the way.
@@ -159,11 +167,11 @@ class Race {
     return this.challenges.findIndex(({ family, seed, robot }) => family === place.family && seed === place.seed && robot === replay.robot);
   }
 
-  // Races in the scene on the screen; from what the page opens on the first challenge that was not done.
+  // Races in the scene on the screen, from where "begin at" says.
   start() {
-    const { best } = this;
-    if (this.opening) this.place(this.challenges[Math.max(this.challenges.findIndex((_, k) => !best[this.key(k)]), 0)]);
-    this.again();
+    this.replay.split(null);
+    this.drive.go(true, KEYBOARD);
+    this.drive.from.value = "the start";
   }
 
   // A scene of the page, as everybody gets it.
@@ -171,20 +179,16 @@ class Race {
     const { drive } = this;
     [drive.robot.value, drive.tier.value, drive.disturbance.value, drive.from.value] = [robot, "lagged", "none", "the start"];
     picks.restore({ family, seed });
-    if (drive.who.value === KEYBOARD) drive.who.value = drive.usual(drive.able());
   }
 
-  // A challenge to look at first: the race begins by a button or a key.
   open(k) {
     this.place(this.challenges[k]);
-    this.again(true);
+    this.again();
   }
 
-  again(looks = false) {
-    this.looks = looks;
+  again() {
     this.drive.from.value = "the start";
-    this.drive.who.value = KEYBOARD;
-    this.drive.go();
+    this.start();
   }
 
   draw(keys) {
@@ -202,10 +206,7 @@ class Race {
     const along = replay.world.path;
     if (along || !replay.world.goal) this.place(this.challenges[0]);
     replay.split(null);
-    if (!drive.runs.length) {
-      if (drive.who.value === KEYBOARD) drive.who.value = drive.usual(drive.able());
-      drive.go();
-    }
+    if (!drive.runs.length) drive.go();
     drive.editor.take("disc", keys, true);
     if (along) drive.editor.tell("Nothing stands beside a path, so this is the open field. Click or tap where a disc is to stand.");
   }
@@ -218,43 +219,26 @@ class Race {
     return [...new Set([drive.usual(able), ...RIVALS.filter((each) => able.includes(each))])].filter(Boolean).slice(0, 3);
   }
 
-  // Three, two, one, and the clock starts with the hand; a challenge that was only chosen, and who wants no motion, get time to look.
-  countDown() {
-    const { replay: { hint, actors, canvas } } = this;
-    const k = this.now;
-    this.run = this.begin = null;
-    const show = (left) => {
-      this.begin = null;
-      hint.hidden = true;
-      this.banner.className = "banner count";
-      this.banner.replaceChildren(el("strong", {}, left ? String(left) : "Go!"));
-      this.banner.hidden = false;
-      canvas.focus({ preventScroll: true });
-      this.timer = setTimeout(() => (left ? show(left - 1) : (this.banner.hidden = true)), left ? 700 : 1500);
-    };
-    if (!this.looks && !still()) { show(3); return; }
-    this.banner.hidden = true;
-    const count = actors.length;
-    const found = k < 0 ? null : this.best[this.key(k)];
-    const rule = this.replay.world.kind === "dock" ? `${ASKED.dock}. ` : count > 1 ? `gold for the first of ${count}${count > 2 ? ", then silver, bronze" : ""}. ` : "";
-    hint.hidden = false;
-    hint.replaceChildren(`${k < 0 ? "" : `${k + 1}. ${this.challenges[k].name}: `}${rule}${found ? `Your best: ${found.time.toFixed(2)} s. ` : ""}The clock waits for your first press. `,
-      button("Start", () => this.begin(), { class: "go" }));
-    this.begin = () => show(still() ? 0 : 3);
+  // One large word in the picture for a moment.
+  flash(word) {
+    this.banner.className = "banner count";
+    this.banner.replaceChildren(el("strong", {}, word));
+    this.banner.hidden = false;
+    clearTimeout(this.timer);
+    this.timer = setTimeout(() => { this.banner.hidden = true; }, 900);
   }
 
+  // The hand's first press starts the clock.
   go() {
-    clearTimeout(this.timer);
-    this.begin = null;
-    if (!this.run) this.banner.hidden = this.replay.hint.hidden = true;
+    if (!this.drive.hand.tape.length && !this.replay.playing) this.flash("Go!");
     this.replay.canvas.focus({ preventScroll: true });
     this.replay.toggle(true);
   }
 
   clear() {
     clearTimeout(this.timer);
-    this.run = this.begin = null;
-    this.banner.hidden = this.replay.hint.hidden = true;
+    this.run = null;
+    this.banner.hidden = true;
   }
 
   close() {
@@ -319,13 +303,13 @@ class Race {
     const order = [...field].sort((a, b) => arrived(b) - arrived(a) || Boolean(a.outcome) - Boolean(b.outcome) || steps(a) - steps(b) || (b === run.actor) - (a === run.actor));
     const shown = order.length > 6 ? order.filter((actor, k) => k < 4 || actor === run.actor) : order;
     const rows = shown.map((actor) => el("li", { class: actor === run.actor ? "mine" : "" }, el("span", {}, actor === run.actor ? "you" : actor.label.replace(/ \(.*\)/, "")), el("span", {}, arrived(actor) ? seconds(steps(actor)) : (OUTCOMES[actor.outcome] || "still driving").replace("ran ", ""))));
-    const next = this.nth >= 0 && this.nth + 1 < this.challenges.length;
-    const forward = next && medal === "gold" ? "go" : null;
+    const next = this.nth + 1 < this.challenges.length;
+    const forward = next && this.nth >= 0 && medal === "gold" ? "go" : null;
     this.say(this.ended(run, ENDED[run.actor.outcome]),
       ...(place < 0 || !rivals.length ? [] : [el("p", { class: medal ? `medal ${medal}` : "" }, `${medal ? medal[0].toUpperCase() + medal.slice(1) : "No"} medal`),
         el("p", {}, `${["1st", "2nd", "3rd"][place] || `${place + 1}th`} of ${rivals.length + 1}${times.includes(steps(run.actor)) ? ", a tie" : ""}`)]),
       rivals.length ? el("ol", { class: "order" }, rows, shown.length < order.length ? el("li", {}, el("span", {}, `and ${order.length - shown.length} others`), el("span")) : null) : null, friend ? el("p", { class: "needed" }, this.beside(run.actor, friend)) : null, better.length ? el("p", { class: "needed" }, `Needed for ${better.join(", ")}.`) : null,
-      el("div", { class: "files" }, button(coarse() ? "Try again" : "Try again (R)", () => this.again(), { class: forward ? null : "go" }), next ? button("Next challenge", () => this.open(this.nth + 1), { class: forward }) : null,
+      el("div", { class: "files" }, button(coarse() ? "Try again" : "Try again (R)", () => this.again(), { class: forward ? null : "go" }), next ? button(this.nth < 0 ? `Challenge 1: ${this.challenges[0].name}` : "Next challenge", () => this.open(this.nth + 1), { class: forward }) : null,
         button("Copy a link to race this run", async () => this.tell(await drive.share.link())), button("close", () => this.close())), told ? el("p", { class: "note" }, told) : null);
   }
 
@@ -362,7 +346,6 @@ class Race {
     this.drive.replay.choose(run.actor);
     while (run.pending) this.drive.pump(1); // who is looked at goes first
     this.say(this.ended(run, `A friend ${(ENDED[run.actor.outcome] || "drove for").toLowerCase()}`), el("p", {}, "Can you do better?"),
-      el("div", { class: "files" }, button("Race the ghost", () => this.again(), { class: "go" }), button("watch first", () => { this.clear(); this.replay.toggle(true); })));
-    this.begin = () => this.again();
+      el("div", { class: "files" }, button("Race the ghost (R)", () => this.again(), { class: "go" }), button("watch first", () => { this.clear(); this.replay.toggle(true); })));
   }
 }
