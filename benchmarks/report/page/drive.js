@@ -8,6 +8,7 @@ const WAITS = "Slow motion: the runs are still being computed.";
 const WAITED = 50; // ms, of a frame that waits for it
 const IDLE = 14; // ms at a time while nothing plays
 const AHEAD = 3000; // ms to catch up at once
+const [OUT, LOST] = [3, 12]; // s: out of the scene without coming nearer, in it without coming nearer than ever
 const LEAD = 40; // steps that all who drive are ahead of the picture
 const REASONS = [["mpc", "solves its problem with OSQP"], ["ppo", ""], ["agent", ""],
   ["nav2", "keeps a cost map that the page does not carry"], ["central", "plans for all at once, in Python"], ...["team_guided", "team_scan", "people_free", "any_robot"].map((each) => [each, "its weights are not in this file"])]; // why not here
@@ -339,15 +340,15 @@ class Drive {
   }
 
   endHand() {
-    if (!this.hand) return;
     this.race.clear();
+    this.rest();
+    if (!this.hand) return;
     this.replay.pace(PLAYBACK);
     if (this.hand.simulator) this.hand.simulator.free();
     if (!this.hand.actor.outcome) this.hand.actor.note = "stopped";
     const { actor, tape } = this.hand;
     this.hand.simulator = null;
     this.hand = null;
-    this.rest();
     this.letGo();
     if (!tape.length) this.replay.takeOut(actor);
   }
@@ -453,9 +454,24 @@ class Drive {
   tick(run, simulator, twist, target) {
     const flags = simulator.step(twist);
     this.note(target, simulator.pose, this.errorOf(simulator), simulator.others);
-    if (!flags.ended && target.x.length <= (this.replay.world.steps || 2400)) return false;
-    this.finish(run, target, flags.success ? "success" : flags.collision ? "collision" : flags.left_corridor ? "left_corridor" : "timeout");
+    const over = run === this.hand ? this.astray(run) : target.x.length - 1 === run.asked.step + run.tape.length; // a tape's end
+    if (!flags.ended && !over && target.x.length <= (this.replay.world.steps || 2400)) return false;
+    this.finish(run, target, flags.success ? "success" : flags.collision ? "collision" : flags.left_corridor ? "left_corridor" : over ? "left" : "timeout");
     return true;
+  }
+
+  // Whether the hand has driven off: for some seconds it has come no nearer, out of the scene, or in it while nobody else drives.
+  astray(run) {
+    const { simulator: { world, state, alive, pose: [x, y] } } = run;
+    const { waypoints = [], goal } = world;
+    const [gx, gy] = waypoints[waypoints.length ? Number(state.get("waypoint")) : 0] || goal || [];
+    const left = goal ? Math.hypot(gx - x, gy - y) : -state.get("arc_length");
+    run.field = run.field || boundsOf(world, []).shown;
+    const out = x < run.field[0] || y < run.field[1] || x > run.field[2] || y > run.field[3];
+    run.away = (out || this.race.late) && alive[0] && !(left < (out ? run.left : run.least)) ? (run.away || 0) + 1 : 0;
+    [run.left, run.least] = [left, Math.min(left, run.least ?? Infinity)];
+    run.limit = (out ? OUT : LOST) / DT;
+    return run.away > run.limit;
   }
 
   finish(run, target, outcome) {

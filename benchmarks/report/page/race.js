@@ -2,9 +2,8 @@
 
 const RIVALS = ["astar_tracker", "vfh_plus", "reeds_shepp", "orca_team", "polar", "dwa", "lqr", "pure_pursuit"];
 const BEST = "wayfield best times"; // in the browser's storage
-const CLEAR = 30; // px around what a card must not cover
 const MEDALS = ["gold", "silver", "bronze"];
-const ENDED = { success: "Finished in", collision: "Crashed after", left_corridor: "Off the path after", timeout: "Out of time:" };
+const ENDED = { success: "Finished in", collision: "Crashed after", left_corridor: "Off the path after", timeout: "Out of time:", left: "Drove off after" };
 const ABOUT = "Beat controllers and a trained network by hand, or watch them drive.";
 const ASKED = { path: "Follow the path to the star", dock: "Park on the star, facing the way its line points" };
 const coarse = () => window.matchMedia("(pointer: coarse)").matches;
@@ -36,26 +35,18 @@ class Race {
     this.replay = drive.replay;
     this.challenges = (drive.replay.told.demo || {}).challenges || [];
     this.run = null; // whose result is shown
-    this.banner = el("div", { class: "banner", hidden: true, role: "status" });
+    this.banner = el("div", { class: "banner", hidden: true, role: "status" }); // a word in the picture
+    this.card = el("div", { class: "card", hidden: true, role: "status" }); // the result beside it
     drive.replay.board.append(this.banner);
-    new ResizeObserver(() => {
-      if (!this.shown) return;
-      this.replay.fit();
-      this.settle();
-    }).observe(this.replay.canvas);
+    drive.replay.quick.prepend(this.card);
     if (this.challenges.length) this.lay();
     document.addEventListener("keydown", (event) => {
       const key = event.key.toLowerCase();
-      const act = key === "r" ? (this.drive.hand || this.shown) && (() => this.again()) : key === "escape" && this.shown && (() => this.close());
+      const act = key === "r" ? (this.drive.hand || !this.card.hidden) && (() => this.again()) : key === "escape" && !this.card.hidden && (() => this.close());
       if (!act || event.ctrlKey || event.metaKey || event.altKey || /INPUT|SELECT/.test(event.target.tagName)) return;
       event.preventDefault();
       act();
     });
-  }
-
-  // Whether a card is there.
-  get shown() {
-    return !this.banner.matches(".count, [hidden]");
   }
 
   // The sentence and the three buttons above the picture; what a tool or a law's thinking is about takes the sentence's place.
@@ -95,6 +86,8 @@ class Race {
   // What the hand is to do; once nobody else is on the way, how to begin anew.
   asked(run) {
     const { replay } = this;
+    const astray = Math.ceil((run.limit - run.away) * DT);
+    if (run.tape.length && run.away * DT > 0.5) return `This leads away: turn back, or the run ends in ${astray} s.`;
     if (run.tape.length && this.late) return "The others have ended. Drive on, or press “Race it” to start again.";
     const omni = run.simulator.body.axes.length > 2;
     const turn = coarse() ? `hold “ahead”${omni ? ", “go left” or “go right”" : ", turn by “left” and “right”"}` : `hold ↑, turn by ← and →${omni ? "; A and D go sideways" : ""}`;
@@ -221,8 +214,7 @@ class Race {
 
   // One large word in the picture for a moment.
   flash(word) {
-    this.banner.className = "banner count";
-    this.banner.replaceChildren(el("strong", {}, word));
+    this.banner.textContent = word;
     this.banner.hidden = false;
     clearTimeout(this.timer);
     this.timer = setTimeout(() => { this.banner.hidden = true; }, 900);
@@ -238,46 +230,31 @@ class Race {
   clear() {
     clearTimeout(this.timer);
     this.run = null;
-    this.banner.hidden = true;
+    this.banner.hidden = this.card.hidden = true;
+    this.replay.app.classList.remove("ended");
   }
 
   close() {
     this.clear();
     this.drive.rest();
-    this.replay.fit();
     this.tellScene();
     this.replay.canvas.focus({ preventScroll: true });
   }
 
-  // A card above or below, where it covers fewer of the robots and of where they are to arrive; the picture makes way for the rest.
+  // A card in the place of the pad or of the lists, so that it covers nothing.
   say(...parts) {
-    this.banner.className = "banner";
-    this.banner.replaceChildren(...parts.filter(Boolean));
-    this.banner.hidden = false;
-    this.settle();
-  }
-
-  settle() {
-    const { replay, replay: { view, canvas, step, world: { goal, path, closed } } } = this;
-    view.measure();
-    const { top, height } = canvas.getBoundingClientRect();
-    const ends = replay.actors.filter((actor) => actor.x.length && !actor.hidden).map(({ x, y }) => [x[Math.min(step, x.length - 1)], y[Math.min(step, y.length - 1)]]);
-    const places = [...ends, goal || (path && path[closed ? 0 : path.length - 1])].filter(Boolean);
-    const room = (high) => {
-      this.banner.classList.toggle("high", high);
-      const card = this.banner.getBoundingClientRect();
-      return high ? [card.bottom - top, height] : [0, card.top - top];
-    };
-    const covered = ([from, to]) => places.filter(([, y]) => Math.abs(view.row(y) - 0.5 * (from + to)) > 0.5 * (to - from) - CLEAR).length;
-    const high = covered(room(true)) < covered(room(false));
-    const free = room(high);
-    if (covered(free)) view.makeWay(places, ...free, CLEAR);
-    replay.refresh();
+    const { drive, replay: { app } } = this;
+    drive.rest();
+    drive.choice.hidden = true;
+    app.classList.add("ended");
+    this.card.replaceChildren(...parts.filter(Boolean));
+    this.card.hidden = false;
   }
 
   over(run) {
     this.run = run;
     this.nth = this.now;
+    this.flash(ENDED[run.actor.outcome].replace(/ in$| after$|:$/, ""));
     this.tellScene();
     this.tell();
   }
@@ -310,7 +287,7 @@ class Race {
         el("p", {}, `${["1st", "2nd", "3rd"][place] || `${place + 1}th`} of ${rivals.length + 1}${times.includes(steps(run.actor)) ? ", a tie" : ""}`)]),
       rivals.length ? el("ol", { class: "order" }, rows, shown.length < order.length ? el("li", {}, el("span", {}, `and ${order.length - shown.length} others`), el("span")) : null) : null, friend ? el("p", { class: "needed" }, this.beside(run.actor, friend)) : null, better.length ? el("p", { class: "needed" }, `Needed for ${better.join(", ")}.`) : null,
       el("div", { class: "files" }, button(coarse() ? "Try again" : "Try again (R)", () => this.again(), { class: forward ? null : "go" }), next ? button(this.nth < 0 ? `Challenge 1: ${this.challenges[0].name}` : "Next challenge", () => this.open(this.nth + 1), { class: forward }) : null,
-        button("Copy a link to race this run", async () => this.tell(await drive.share.link())), button("close", () => this.close())), told ? el("p", { class: "note" }, told) : null);
+        button("Copy a link to race this run", async () => this.tell(await drive.share.link()))), button("×", () => this.close(), { class: "shut", "aria-label": "close" }), told ? el("p", { class: "note" }, told) : null);
   }
 
   // One's own run beside that of a friend, in a sentence.
@@ -346,6 +323,6 @@ class Race {
     this.drive.replay.choose(run.actor);
     while (run.pending) this.drive.pump(1); // who is looked at goes first
     this.say(this.ended(run, `A friend ${(ENDED[run.actor.outcome] || "drove for").toLowerCase()}`), el("p", {}, "Can you do better?"),
-      el("div", { class: "files" }, button("Race the ghost (R)", () => this.again(), { class: "go" }), button("watch first", () => { this.clear(); this.replay.toggle(true); })));
+      el("div", { class: "files" }, button("Race the ghost (R)", () => this.again(), { class: "go" }), button("watch first", () => { this.close(); this.replay.toggle(true); })));
   }
 }

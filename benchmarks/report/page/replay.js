@@ -12,7 +12,7 @@ function rmsOf(actor, step) {
   return length ? Math.sqrt(sum / length) : 0;
 }
 
-const OUTCOMES = { success: "arrived", collision: "crashed", left_corridor: "left the path", timeout: "ran out of time" };
+const OUTCOMES = { success: "arrived", collision: "crashed", left_corridor: "left the path", timeout: "ran out of time", left: "drove off" };
 const PLAYBACK = 2; // times as fast as the robots
 
 class Replay {

@@ -85,22 +85,6 @@ class View {
     return [cx + (event.clientX - box.left - this.width / 2) / this.pixels, cy - (event.clientY - box.top - this.height / 2) / this.pixels];
   }
 
-  // How far below the upper edge a place is shown.
-  row(y) {
-    return this.height / 2 - (y - this.centre[1]) * this.pixels;
-  }
-
-  // Shows places (m) between two rows, no larger than before, with a margin (px) around each.
-  makeWay(places, from, to, margin) {
-    const [[x0, x1], [y0, y1]] = [0, 1].map((k) => [Math.min(...places.map((each) => each[k])), Math.max(...places.map((each) => each[k]))]);
-    const { pixels, centre: [cx] } = this;
-    const fits = Math.min(1, (to - from - 2 * margin) / (y1 - y0) / pixels, (this.width - 2 * margin) / (x1 - x0) / pixels);
-    if (!(fits > 0)) return;
-    this.zoom *= fits;
-    const half = (this.width / 2 - margin) / this.pixels;
-    this.middle = [Math.min(Math.max(cx, x1 - half), x0 + half), (y0 + y1) / 2 + ((from + to) / 2 - this.height / 2) / this.pixels];
-  }
-
   zoomBy(factor, at) {
     const [cx, cy] = this.centre;
     const zoom = Math.min(Math.max(this.zoom * factor, this.least), 40);
