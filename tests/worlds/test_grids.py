@@ -45,8 +45,8 @@ def assert_measured(grid: OccupancyGrid, count: int, seed: int) -> None:
 def test_rays_and_clearances_are_those_of_the_occupied_squares(density: float, beyond: str) -> None:
     rng = np.random.default_rng(5)
     occupied = rng.random((61, 97)) < density
-    assert_measured(OccupancyGrid(occupied, 0.05, (-3.0, 2.0, 0.7), beyond), 1500, 1)
-    assert_measured(OccupancyGrid(occupied.T.copy(), 0.3, (10.0, -2.0, 0.0), beyond), 500, 2)
+    assert_measured(OccupancyGrid(occupied, 0.05, (-3.0, 2.0, 0.7), beyond), 500, 1)
+    assert_measured(OccupancyGrid(occupied.T.copy(), 0.3, (10.0, -2.0, 0.0), beyond), 200, 2)
 
 
 @pytest.mark.slow
@@ -114,10 +114,10 @@ def test_a_scan_has_the_bits_of_the_traversal_from_cell_to_cell(density: float, 
     grid = OccupancyGrid(rng.random((37, 53)) < density, 0.25, beyond=beyond)
     grids = lay_grids([grid], np.zeros(1, NO_GRIDS.frames.dtype))
     around = sines(np.linspace(-3.1, 3.1, TOGETHER // 4))[::-1]  # with those past corners more than go at once
-    anywhere = rng.uniform(0.0, 1.0, (4, 2)) * (53 * 0.25, 37 * 0.25)
+    anywhere = rng.uniform(0.0, 1.0, (1, 2)) * (53 * 0.25, 37 * 0.25)
     # so near to a corner of cells, free and occupied ones, that single precision does not tell from it
-    by_corners = 0.25 * rng.integers(1, 36, (12, 2)) + rng.choice([-1e-11, 1e-11], (12, 2))
-    for point, count in zip([*anywhere, *by_corners], [800] * 4 + [20] * 12, strict=True):
+    by_corners = 0.25 * rng.integers(1, 36, (4, 2)) + rng.choice([-1e-11, 1e-11], (4, 2))
+    for point, count in zip([*anywhere, *by_corners], [800] + [20] * 4, strict=True):
         place = grid.places(point)
         past = near_corners(grid, place, rng, count).T
         beams = np.ascontiguousarray(np.hstack([around, past]))

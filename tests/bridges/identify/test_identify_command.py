@@ -1,6 +1,7 @@
 """`wayfield identify` from files of every kind to a sheet that is read; what cannot say is refused in one line."""
 
 import dataclasses
+import importlib.util
 import json
 import math
 import subprocess
@@ -11,10 +12,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from click.testing import CliRunner, Result
 from identification import drive_of, script
 from numpy.typing import NDArray
 
 from wayfield.bridges.identify.checks import check
+from wayfield.bridges.identify.command import main
 from wayfield.bridges.identify.estimate import fit, intervals
 from wayfield.bridges.identify.noise import measure, rates
 from wayfield.bridges.identify.odometry import odometry_errors
@@ -50,13 +53,8 @@ def table(drive: Drive) -> str:
     return "\n".join(["t,v_cmd,w_cmd,v,w", *(row for _, row in sorted(rows))]) + "\n"
 
 
-def identify(*words: str | Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "wayfield.command", "identify", *map(str, words)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+def identify(*words: str | Path) -> Result:
+    return CliRunner().invoke(main, [*map(str, words)])
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +66,8 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_command_writes_a_sheet_that_is_read_and_a_page(good: Path, tmp_path: Path) -> None:
     sheet, page = tmp_path / "mine.json", tmp_path / "report.html"
-    ended = identify(good, "--robot", "turtlebot3", "--out", sheet, "--report", page)
+    words = [sys.executable, "-m", "wayfield.command", "identify", good, "--robot", "turtlebot3"]
+    ended = subprocess.run([*words, "--out", sheet, "--report", page], capture_output=True, text=True, check=False)
     assert ended.returncode == 0, ended.stderr
     robot = read_robot(str(sheet))
     assert robot.name == "mine"
@@ -173,7 +172,7 @@ def test_a_wheel_speed_in_rpm_is_doubted_in_a_line(good: Path, tmp_path: Path) -
     fast = {"name": "rpm", "rated_wheel_speed": 150.0, "peak_wheel_speed": 150.0}
     sheet.write_text(json.dumps(ROBOTS["p3dx"].sheet | fast))
     ended = identify(good, "--robot", sheet)
-    assert ended.returncode == 0, ended.stderr
+    assert ended.exit_code == 0, ended.stderr
     assert len(ended.stderr.splitlines()) == 1
     assert "if it is in rpm, write 15.71" in ended.stderr
     assert not any(unlikely(each) for each in ROBOTS.values())
@@ -184,7 +183,7 @@ def test_a_refused_log_leaves_the_sheet_that_was_there(tmp_path: Path) -> None:
     file.write_text(table(changed(driven(), speeds=driven().speeds * [1500.0, 1.0])))
     sheet.write_text("before")
     ended = identify(file, "--out", sheet, "--report", tmp_path / "page.html")
-    assert ended.returncode == 2
+    assert ended.exit_code == 2
     assert len(ended.stderr.splitlines()) == 1
     assert "it must be at most 30" in ended.stderr
     assert sheet.read_text() == "before"
@@ -438,16 +437,14 @@ def test_a_bag_that_cannot_say_is_refused_in_a_line(kind: str, tmp_path: Path) -
         assert "\n" not in str(error.value)
 
 
-def test_without_rosbags_a_line_says_how_to_get_it(tmp_path: Path) -> None:
+def test_without_rosbags_a_line_says_how_to_get_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "drive.mcap").write_bytes(b"")
-    code = (
-        "import sys, importlib.util; find = importlib.util.find_spec\n"
-        "importlib.util.find_spec = lambda name, *a: None if name == 'rosbags' else find(name, *a)\n"
-        "sys.argv[0] = 'wayfield'\nfrom wayfield.command import main; main()"
+    find = importlib.util.find_spec
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name, *more: None if name == "rosbags" else find(name, *more)
     )
-    words = ["identify", str(tmp_path / "drive.mcap")]
-    ended = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True, check=False)
-    assert ended.returncode == 2
+    ended = identify(tmp_path / "drive.mcap")
+    assert ended.exit_code == 2
     assert len(ended.stderr.splitlines()) == 1
     assert installs("bags") in ended.stderr
 

@@ -1,16 +1,15 @@
 """`wayfield nav2`: YAML that loads, names that each branch's sources have, values within the sheet."""
 
 import json
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
+from click.testing import CliRunner
 
-from wayfield.bridges.identify.nav2 import COMMITS, DISTROS, MAPPED, Tuned, limits, parameters, tuned, yaml_text
+from wayfield.bridges.identify.nav2 import COMMITS, DISTROS, MAPPED, Tuned, limits, main, parameters, tuned, yaml_text
 from wayfield.envs.robots import ROBOTS, read_robot
 
 # read from the sources of ros-navigation/navigation2 at these commits: what they declare or get
@@ -94,11 +93,6 @@ def test_what_a_branch_lacks_is_said(lagging: Any) -> None:
         assert "each wheel saturates by itself" in text
 
 
-def nav2(*words: str | Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "wayfield.command", "nav2", *map(str, words)]
-    return subprocess.run(command, capture_output=True, text=True, check=False)
-
-
 def test_the_command_writes_tuned_gains_and_refuses_others_in_a_line(tmp_path: Path) -> None:
     gains, out = tmp_path / "gains.json", tmp_path / "params.yaml"
     content = {
@@ -107,8 +101,9 @@ def test_the_command_writes_tuned_gains_and_refuses_others_in_a_line(tmp_path: P
         "validation": {"chosen": {"failures": 3, "episodes": 130}},
     }  # fmt: skip
     gains.write_text(json.dumps(content))
-    ended = nav2(gains, "nav2_dwb", "--robot", "p3dx", "--distro", "kilted", "--out", out)
-    assert ended.returncode == 0, ended.stderr
+    words = ["nav2_dwb", "--robot", "p3dx", "--distro", "kilted", "--out", str(out)]
+    ended = CliRunner().invoke(main, [str(gains), *words])
+    assert ended.exit_code == 0, ended.stderr
     text = out.read_text()
     found = yaml.safe_load(text)["controller_server"]["ros__parameters"]
     assert found["controller_plugins"] == ["FollowPath", "nav2_dwb"]
@@ -123,7 +118,7 @@ def test_the_command_writes_tuned_gains_and_refuses_others_in_a_line(tmp_path: P
         content | {"policy": 3},
     ):
         gains.write_text(json.dumps(bad))
-        ended = nav2(gains, "--robot", "p3dx", "--out", tmp_path / "other.yaml")
-        assert ended.returncode == 2
+        ended = CliRunner().invoke(main, [str(gains), "--robot", "p3dx", "--out", str(tmp_path / "other.yaml")])
+        assert ended.exit_code == 2
         assert len(ended.stderr.splitlines()) == 1, ended.stderr
         assert not (tmp_path / "other.yaml").exists()
