@@ -338,13 +338,9 @@ def test_an_array_that_claims_to_be_what_it_is_not_is_refused_by_name(tmp_path, 
 # Processes.
 
 
-def _killed(_):
-    os.kill(os.getpid(), signal.SIGKILL)
-
-
 def test_a_worker_that_is_killed_is_told_as_such():
     with pytest.raises(ChildProcessError, match="a worker process was killed"), workers(2) as share:
-        list(share(_killed, range(2)))
+        list(share(signal.raise_signal, 2 * [signal.SIGKILL]))
 
 
 _WORKING = """
