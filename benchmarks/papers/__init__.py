@@ -6,14 +6,11 @@ from wayfield.benchmarks.papers import (
     crowdnav_sarl,
     dwa_switch,
     lookahead_ppo,
-    own_goals,
-    own_paths,
-    own_teams,
+    own,
     ros_jackal,
     training_worlds,
 )
 from wayfield.benchmarks.papers.claim import Claim
 
-_OWN = (own_paths, own_goals, own_teams)
 _PAPERS = (crowdnav, crowdnav_sarl, ros_jackal, dwa_switch, lookahead_ppo, training_worlds, applr)
-CLAIMS: dict[str, Claim] = {each.CLAIM.name: each.CLAIM for each in (*_OWN, *_PAPERS)}
+CLAIMS: dict[str, Claim] = {each.name: each for each in (*own.CLAIMS, *(paper.CLAIM for paper in _PAPERS))}

@@ -91,7 +91,7 @@ class Gate:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Claim:
-    """A claim. One file has one, as `CLAIM`."""
+    """A claim. A paper's file has one, as `CLAIM`."""
 
     name: str
     sentence: str
