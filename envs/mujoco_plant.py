@@ -19,7 +19,7 @@ from wayfield.envs.robots import Robot
 from wayfield.envs.robots.hulls import hull_clearance
 from wayfield.envs.robots.kinematic_plant import body_twist, lagging_twist
 from wayfield.envs.robots.mjcf import TIMESTEP, mjcf, prefixes
-from wayfield.envs.robots.records import ROBOT_PARAMS, ROBOT_STATE, lag_factors, part_of
+from wayfield.envs.robots.records import ROBOT_PARAMS, ROBOT_STATE, Array, Flags, Records, lag_factors, part_of
 from wayfield.envs.robots.response import respond
 from wayfield.envs.robots.sensing import advance_odometry
 from wayfield.envs.tasks.stepping import Robots
@@ -349,14 +349,7 @@ class MujocoPlant:
         self.worlds[w], self.rows[w] = made, rows
         return made
 
-    def drive(
-        self,
-        states: NDArray[np.void],
-        obstacles: NDArray[np.void],
-        actions: NDArray[np.float64],
-        noise: NDArray[np.float64],
-        skip: NDArray[np.bool_],
-    ) -> None:
+    def drive(self, states: Records, obstacles: Records, actions: Array, noise: Array, skip: Flags) -> None:
         """Moves every robot that is not in `skip` by one control period."""
         params, robots, grids = self._views(states)
         for k, name in enumerate(("x", "y", "heading")):
@@ -374,11 +367,11 @@ class MujocoPlant:
         self,
         rows: NDArray[np.int64],
         world: World,
-        states: NDArray[np.void],
-        obstacles: NDArray[np.void],
-        robots: NDArray[np.void],
-        params: NDArray[np.void],
-        skip: NDArray[np.bool_],
+        states: Records,
+        obstacles: Records,
+        robots: Records,
+        params: Records,
+        skip: Flags,
     ) -> None:
         """Moves the robots of a world, in some rows, by one control period."""
         dt, speeds = self.task.options.dt, self.speeds[rows]

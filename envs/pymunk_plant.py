@@ -19,7 +19,17 @@ from wayfield.envs.robots import Robot
 from wayfield.envs.robots.hulls import hull_clearance, swing, touched, way_out
 from wayfield.envs.robots.kinematic_plant import body_twist, lagging_twist
 from wayfield.envs.robots.kinematics import integrate_arc, sinc
-from wayfield.envs.robots.records import MAX_WHEELS, ROBOT_PARAMS, ROBOT_STATE, lag_factors, part_of, record
+from wayfield.envs.robots.records import (
+    MAX_WHEELS,
+    ROBOT_PARAMS,
+    ROBOT_STATE,
+    Array,
+    Flags,
+    Records,
+    lag_factors,
+    part_of,
+    record,
+)
 from wayfield.envs.robots.response import respond
 from wayfield.envs.robots.sensing import advance_odometry
 from wayfield.envs.tasks.stepping import Robots
@@ -786,13 +796,7 @@ class PymunkPlant:
         return self.__dict__ | {"_parts": None}  # machine code is looked up anew
 
     def _drive_rows(
-        self,
-        states: NDArray[np.void],
-        obstacles: NDArray[np.void],
-        actions: NDArray[np.float64],
-        noise: NDArray[np.float64],
-        skip: NDArray[np.bool_],
-        moved: int,
+        self, states: Records, obstacles: Records, actions: Array, noise: Array, skip: Flags, moved: int
     ) -> int:
         """Runs the compiled `drive_rows`."""
         task = self.task
@@ -827,14 +831,7 @@ class PymunkPlant:
         for i in rows.tolist():
             self.worlds[i] = None
 
-    def drive(
-        self,
-        states: NDArray[np.void],
-        obstacles: NDArray[np.void],
-        actions: NDArray[np.float64],
-        noise: NDArray[np.float64],
-        skip: NDArray[np.bool_],
-    ) -> None:
+    def drive(self, states: Records, obstacles: Records, actions: Array, noise: Array, skip: Flags) -> None:
         """Moves every robot that is not in `skip` by one control period."""
         counts = self.task.obstacle_counts(states)
         count = self._drive_rows(states, obstacles, actions, noise, skip, -1)

@@ -7,7 +7,6 @@ from typing import Any, ClassVar
 import gymnasium
 import numpy as np
 from gymnasium.utils import seeding
-from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
@@ -17,7 +16,7 @@ from wayfield.envs.single import SingleEnv
 from wayfield.envs.tasks.arguments import arguments_table
 from wayfield.envs.tasks.sheets import DIFF_DRIVE_ACTIONS, OMNI_ACTIONS, sheet_like
 from wayfield.envs.team_worlds import TeamArguments, Teams
-from wayfield.envs.vector import NativeVectorEnv, Seeds, vector_of
+from wayfield.envs.vector import NativeVectorEnv, Seeds, Step, vector_of
 from wayfield.system.checks import seed as check_seed
 
 _MOST_TRAILS = 32  # robots whose ways are drawn
@@ -217,7 +216,6 @@ class TeamVectorEnv(NativeVectorEnv):
         if self.task.team > 1 and self.task.ends == "leave":
             self._waiting = TeamRows(self.task, num_envs, self.batch.num_threads)
             self.batch = self._waiting.batch
-        self._over = np.zeros(num_envs, np.bool_)
 
     @property
     def waits(self) -> bool:
@@ -244,13 +242,10 @@ class TeamVectorEnv(NativeVectorEnv):
         if self._waiting is not None:
             self._waiting.alive[:] = True
             self._waiting.took_part[:] = True
-            self._over[:] = False
             info["alive"], info["_alive"] = self._waiting.took_part.copy(), self._all.copy()
         return observations, info
 
-    def step(
-        self, actions: NDArray[np.float32]
-    ) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+    def step(self, actions: NDArray[np.float32]) -> Step:
         """Moves every robot that has not ended by one control period; see `NativeVectorEnv.step`."""
         waiting = self._waiting
         if waiting is None:
@@ -259,22 +254,15 @@ class TeamVectorEnv(NativeVectorEnv):
             raise gymnasium.error.ResetNeeded("call reset before step")
         if type(actions) is not np.ndarray or actions.dtype.kind != "f" or actions.shape != self._shape:
             actions = self.batch.checked(actions, self._shape)
-        again = np.flatnonzero(self._over & ~self.resting)
+        again = np.flatnonzero(self._ended & ~self.resting)
         begin = partial(waiting.begin, again) if len(again) else None
         results, terminated, truncated = waiting.step(actions, self.max_episode_steps, begin)
-        rewards = results.numbers[-1]
         info = self._info(results)
         info["alive"], info["_alive"] = waiting.took_part.copy(), self._all.copy()
-        over = waiting.over() & ~self.resting
-        if self.autoreset_mode == AutoresetMode.NEXT_STEP:
-            self._over = over
-            return results.observations, rewards, terminated, truncated, info
-        rows = np.flatnonzero(over)
-        if len(rows):
-            info |= self._last_of(over, results)
-            rewards, terminated = rewards.copy(), terminated.copy()
-            waiting.begin(rows, results)
-        return results.observations, rewards, terminated, truncated, info
+        return self._with_rows_begun(waiting.over() & ~self.resting, results, terminated, truncated, info)
+
+    def _begin(self, rows: NDArray[np.int64], results: Results) -> None:
+        (super()._begin if self._waiting is None else self._waiting.begin)(rows, results)
 
 
 class OmniTeam(TeamEnv):

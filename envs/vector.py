@@ -12,6 +12,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from wayfield.envs.batch import Batch, Results
+from wayfield.envs.robots.records import Array, Flags
 from wayfield.envs.single import SingleEnv, check_keywords
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.envs.tasks.constraints import Constraint
@@ -19,6 +20,7 @@ from wayfield.system.checks import MOST_ENVS, MOST_STEPS, MOST_THREADS, choose, 
 from wayfield.system.checks import seed as check_seed
 
 _BATCH_KEYWORDS = ("num_envs", "max_episode_steps", "autoreset_mode", "num_threads")
+Step = tuple[NDArray[np.float32], Array, Flags, Flags, dict[str, Any]]
 Seeds = int | Sequence[int | None] | NDArray[np.integer[Any]] | None
 AUTORESET_MODES = {"NextStep": AutoresetMode.NEXT_STEP, "SameStep": AutoresetMode.SAME_STEP}
 
@@ -142,9 +144,7 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             if each is not None:
                 self._generators[i], self._seeds[i] = seeding.np_random(each)
 
-    def step(
-        self, actions: NDArray[np.float32]
-    ) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+    def step(self, actions: NDArray[np.float32]) -> Step:
         """Moves every robot by one control period; see gymnasium.vector.VectorEnv.step."""
         if not self._generators:
             raise gymnasium.error.ResetNeeded("call reset before step")
@@ -163,8 +163,15 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             truncated = np.zeros(self.num_envs, np.bool_)
         else:
             truncated = batch.states["steps"] >= self.max_episode_steps
-        rewards, terminated = results.numbers[-1], results.flags[-1]
+        terminated = results.flags[-1]
         ended = (terminated | truncated) > self.resting  # and not
+        return self._with_rows_begun(ended, results, terminated, truncated, info)
+
+    def _with_rows_begun(
+        self, ended: Flags, results: Results, terminated: Flags, truncated: Flags, info: dict[str, Any]
+    ) -> Step:
+        """Returns what a step gives; rows that have ended begin anew, now or with the next step."""
+        rewards = results.numbers[-1]
         if self.autoreset_mode == AutoresetMode.NEXT_STEP:
             self._ended = ended
             return results.observations, rewards, terminated, truncated, info
@@ -172,8 +179,12 @@ class NativeVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         if len(rows):
             info |= self._last_of(ended, results)
             rewards, terminated = rewards.copy(), terminated.copy()
-            batch.reset(rows, self._generators, results)
+            self._begin(rows, results)
         return results.observations, rewards, terminated, truncated, info
+
+    def _begin(self, rows: NDArray[np.int64], results: Results) -> None:
+        """Begins rows anew."""
+        self.batch.reset(rows, self._generators, results)
 
     def _last_of(self, ended: NDArray[np.bool_], results: Results) -> dict[str, Any]:
         """Returns what the robots that have ended saw last and what was told of them, under Gymnasium's names."""

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from wayfield.bridges.coppelia import frames, standstill
 from wayfield.bridges.coppelia.standstill import DONE, Link, stand_still
 from wayfield.envs.robots.hulls import clearance_of
+from wayfield.envs.robots.records import Array, Flags, Records
 from wayfield.envs.robots.sensing import advance_odometry
 from wayfield.envs.tasks.task import Task
 from wayfield.system.compiled import compiled
@@ -167,14 +168,7 @@ class CoppeliaPlant:
             self._sim("setJointTargetVelocity", joint, speed)
         self._targets = speeds
 
-    def drive(
-        self,
-        states: NDArray[np.void],
-        obstacles: NDArray[np.void],
-        actions: NDArray[np.float64],
-        noise: NDArray[np.float64],
-        skip: NDArray[np.bool_],
-    ) -> None:
+    def drive(self, states: Records, obstacles: Records, actions: Array, noise: Array, skip: Flags) -> None:
         """Drives the wheels for one control period and reads the state of the robot.
 
         Raises:

@@ -16,6 +16,10 @@ from wayfield.envs.robots.disturbances import SHOVE_FROM, SHOVE_UNTIL
 from wayfield.system.compiled import compiled, inlined
 from wayfield.system.linear import pseudo_inverse, solve
 
+Records = NDArray[np.void]
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
 MAX_WHEELS = MOST_WHEELS
 
 ROBOT_STATE = [
