@@ -13,6 +13,12 @@ from wayfield.envs.teams import DiffDriveTeam, OmniTeam, TeamVectorEnv
 from wayfield.envs.vector import vector_of
 
 ALL = "people"  # the name of all families
+_DESCRIPTION = """
+    One robot reaches a goal among people, who walk by laws of their own inside the compiled step: ORCA,
+    social forces by five names, at a constant velocity, or not at all. They see the robot or not
+    (`visible`), walk in groups, or react to it: `wayfield.envs.crowds.people`.
+    Everything else is as in a team, which this is one of.
+"""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -47,12 +53,7 @@ class OmniPeople(OmniTeam):
         OmniTeam,
         "An omni robot reaches a goal among people.",
         {
-            "Description": """
-                One robot reaches a goal among people, who walk by laws of their own inside the compiled step: ORCA,
-                social forces by five names, at a constant velocity, or not at all. They see the robot or not
-                (`visible`), walk in groups, or react to it: `wayfield.envs.crowds.people`.
-                Everything else is as in a team, which this is one of.
-            """,
+            "Description": _DESCRIPTION,
             "Arguments": arguments_table(PeopleArguments, holonomic=True),
         },
     )
@@ -69,12 +70,7 @@ class DiffDrivePeople(OmniPeople):
         DiffDriveTeam,
         "A differential drive reaches a goal among people.",
         {
-            "Description": """
-                One robot reaches a goal among people, who walk by laws of their own inside the compiled step: ORCA,
-                social forces by five names, at a constant velocity, or not at all. They see the robot or not
-                (`visible`), walk in groups, or react to it: `wayfield.envs.crowds.people`.
-                Everything else is as in a team, which this is one of.
-            """,
+            "Description": _DESCRIPTION,
             "Arguments": arguments_table(PeopleArguments, holonomic=False),
         },
     )
