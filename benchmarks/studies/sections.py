@@ -57,6 +57,13 @@ BOARD = "Leaderboard"
 CLAIMS = "What the agents win, and what they do not"
 
 
+def _tables(stem: str, more: Mapping[str, str] | None = None) -> dict[str, str]:
+    """Returns the titles of a contest's tables, by file; `more` stands behind every number of every entry."""
+    ends = {"_board": BOARD, "_pairs": CLAIMS, "": "Every number of every entry", **(more or {})}
+    ends |= {"_told": "What each has", "_families": "By family", "_seeds": "Each agent by itself"}
+    return {f"{stem}{end}.csv": title for end, title in ends.items()}
+
+
 def _goals(robot: str, wheels: str) -> Section:
     """Returns the section of goal reaching with a robot."""
     name = "goal-obstacles" + ("" if robot == "p3dx" else f"-{robot}")
@@ -65,15 +72,7 @@ def _goals(robot: str, wheels: str) -> Section:
         name,
         f"Goal reaching among obstacles, {wheels}",
         "python evaluate.py --suite goal-obstacles" + ("" if robot == "p3dx" else f" --robot {robot}"),
-        {
-            f"{stem}_board.csv": BOARD,
-            f"{stem}_pairs.csv": CLAIMS,
-            f"{stem}.csv": "Every number of every entry",
-            f"{stem}_told.csv": "What each has",
-            f"{stem}_families.csv": "By family",
-            f"{stem}_seeds.csv": "Each agent by itself",
-            f"{stem}_better.csv": "Better than, in pairs",
-        },
+        _tables(stem) | {f"{stem}_better.csv": "Better than, in pairs"},
         _MAP_NOTE,
     )
 
@@ -83,16 +82,8 @@ _MAIN = (
         "path-following",
         "Path following",
         "python evaluate.py --suite path-following",
-        {
-            "path_following_p3dx_board.csv": BOARD,
-            "path_following_p3dx_pairs.csv": CLAIMS,
-            "path_following_p3dx.csv": "Every number of every entry",
-            "path_following_p3dx_front.csv": "Asked for a speed (m/s)",
-            "path_following_p3dx_told.csv": "What each has",
-            "path_following_p3dx_families.csv": "By family",
-            "path_following_p3dx_seeds.csv": "Each agent by itself",
-            "path_following_p3dx_better.csv": "Better than, in pairs",
-        },
+        _tables("path_following_p3dx", {"_front": "Asked for a speed (m/s)"})
+        | {"path_following_p3dx_better.csv": "Better than, in pairs"},
         _SPEED,
         {"path_following_p3dx_front.png": "Speed and accuracy of the path followers, each swept over its speed"},
     ),
@@ -110,14 +101,7 @@ def _claims(contest: Contest, robot: str = "p3dx", policies: Sequence[str] = ())
         f"{contest.name}-claims" if default else f"{contest.name}-{robot}-claims",
         f"{contest.spec.title}, {'P3DX' if default else robot}, a hundred other scenarios a family",
         f"python evaluate.py --suite {contest.name}{'' if default else f' --robot {robot}'} {options}",
-        {
-            f"{stem}_board.csv": BOARD,
-            f"{stem}_pairs.csv": CLAIMS,
-            f"{stem}.csv": "Every number of every entry",
-            f"{stem}_told.csv": "What each has",
-            f"{stem}_families.csv": "By family",
-            f"{stem}_seeds.csv": "Each agent by itself",
-        },
+        _tables(stem),
         "Only the policies that are near the best; the section of the contest has all. Agents do not drive alone: what "
         "guards them, drives the last of the way or takes over is in the table of what each has.",
         within="claims/",
