@@ -5,7 +5,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from wayfield.envs import goal_reaching
+from wayfield.envs.goal_reaching import Observation
 from wayfield.envs.robots import Actuators
 from wayfield.policies.learned.features import Array, Numbers, Tolerances
 from wayfield.policies.learned.features_goal import GoalFeatures
@@ -44,7 +44,7 @@ class DockFeatures(GoalFeatures):
         """Returns how many numbers one observation gives."""
         return super().width(num_twist) + POSE
 
-    def observe(self, observation: goal_reaching.Observation, speeds: Array, out: Numbers) -> Array:
+    def observe(self, observation: Observation, speeds: Array, out: Numbers) -> Array:
         """Fills out (b, width) and returns the angle (b,) of the frame that the action is meant in, rad."""
         angles = super().observe(observation, speeds, out[:, :-POSE])
         scales = np.array([self.fine, self.fine_turn])
@@ -52,13 +52,9 @@ class DockFeatures(GoalFeatures):
         return angles
 
     def arrived(
-        self,
-        observation: goal_reaching.Observation,
-        twists: Array,
-        speed: float,
-        actuators: Actuators,
+        self, observation: Observation, twists: Array, speed: float, actuators: Actuators,
         tolerances: Tolerances = (None, None),
-    ) -> Array:
+    ) -> Array:  # fmt: skip
         """Returns the twists, none where the robot is to rest."""
         rest, rest_turn = (rest_radius(*each) for each in zip((self.rest, self.rest_turn), tolerances, strict=True))
         x, y = observation.goal[:, 0], observation.goal[:, 1]

@@ -7,7 +7,7 @@ from typing import ClassVar, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs import goal_reaching
+from wayfield.envs.goal_reaching import Observation
 from wayfield.envs.robots import Actuators
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies.learned.arrival import arrive
@@ -95,7 +95,7 @@ class GoalFeatures(Gains):
     shielded: ClassVar[bool | Literal["always"]] = True  # away from what an agent was trained on
 
     fields: ClassVar[tuple[str, ...]] = ("pose", "twist", "goal", "ranges")
-    observation: ClassVar[type] = goal_reaching.Observation
+    observation: ClassVar[type] = Observation
 
     @property
     def crumbed(self) -> int:
@@ -122,7 +122,7 @@ class GoalFeatures(Gains):
         """Returns how many numbers one observation gives."""
         return 5 + num_twist + 2 * (self.num_beams // self.pool)
 
-    def observe(self, observation: goal_reaching.Observation, speeds: Array, out: Numbers) -> Array:
+    def observe(self, observation: Observation, speeds: Array, out: Numbers) -> Array:
         """Fills out (b, width) and returns the angle (b,) of the frame that the action is meant in, rad."""
         ranges = self.read(observation.ranges)
         scales = np.array(
@@ -144,13 +144,9 @@ class GoalFeatures(Gains):
         return known
 
     def arrived(
-        self,
-        observation: goal_reaching.Observation,
-        twists: Array,
-        speed: float,
-        actuators: Actuators,
+        self, observation: Observation, twists: Array, speed: float, actuators: Actuators,
         tolerances: Tolerances = (None, None),
-    ) -> Array:
+    ) -> Array:  # fmt: skip
         """Returns the twists, those of robots near their goal replaced by the law that ends the way.
 
         Args:
@@ -173,7 +169,7 @@ class GoalFeatures(Gains):
 
     def guarded(
         self,
-        observation: goal_reaching.Observation,
+        observation: Observation,
         twists: Array,
         speed: float,
         actuators: Actuators,

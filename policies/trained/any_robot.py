@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs import goal_reaching
+from wayfield.envs.goal_reaching import Observation
 from wayfield.envs.robots import Robot
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies.learned.agent import Agent
@@ -19,7 +19,7 @@ from wayfield.policies.parts.shield import Shield, Shielded
 from wayfield.policies.parts.stopping import Scan, find_approached
 from wayfield.policies.parts.tuned import tuned_gains
 from wayfield.policies.scans.scan_planner import ScanPlanner
-from wayfield.policies.trained.hybrid import SUITE, TASK, Hybrid
+from wayfield.policies.trained.hybrid import SUITE, TASK, Array, Both, Hybrid, Memory
 from wayfield.policies.trained.ppo import shipped, shipped_agent
 
 KINDS = {2: "any_diff_drive", 3: "any_omni"}  # by the number of twist components
@@ -89,12 +89,12 @@ class AnyRobot(Hybrid):
 
     def taken(
         self,
-        observation: goal_reaching.Observation,
+        observation: Observation,
         briefing: Briefing,
-        memory: NDArray[Any],
-        retained: NDArray[Any],
-        twists: tuple[NDArray[np.float64], NDArray[np.float64]],
-    ) -> NDArray[np.float64]:
+        memory: Memory,
+        retained: Memory,
+        twists: Both,
+    ) -> Array:
         """Returns the twists (b, t) that are driven: the agent's, or where it makes no way the planner's."""
         planned, driven = twists
         alone = self._by_planner(observation, briefing, memory)
@@ -105,9 +105,7 @@ class AnyRobot(Hybrid):
         retained["shield"][alone] = shields[alone]
         return np.where(alone[:, None], passed, driven)
 
-    def _by_planner(
-        self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]
-    ) -> NDArray[np.bool_]:
+    def _by_planner(self, observation: Observation, briefing: Briefing, memory: NDArray[Any]) -> NDArray[np.bool_]:
         """Returns which robots (b,) the planner drives by itself, and notes what decides that."""
         if not self.patience:
             return np.zeros(len(memory), np.bool_)

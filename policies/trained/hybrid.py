@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wayfield.envs import goal_reaching
+from wayfield.envs.goal_reaching import Observation
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies.learned.agent import Agent, body_of
 from wayfield.policies.parts.gain import gain
@@ -21,6 +21,9 @@ from wayfield.system.compiled import any_layout, compiled
 from wayfield.system.elementary import sin_cos
 
 TASK, SUITE = "goal_reaching", "goal-obstacles"
+Array = NDArray[np.float64]
+Memory = NDArray[Any]
+Both = tuple[Array, Array]  # the planner's and the agent's
 
 
 @dataclasses.dataclass(frozen=True)
@@ -82,9 +85,7 @@ class Hybrid(GoalLaw):
         agent = self.agent(briefing)
         return {"planner": self.planner(briefing, agent).reset(briefing), "agent": agent.reset(briefing)}
 
-    def act(
-        self, observation: goal_reaching.Observation, briefing: Briefing, memory: NDArray[Any]
-    ) -> NDArray[np.float64]:
+    def act(self, observation: Observation, briefing: Briefing, memory: NDArray[Any]) -> Array:
         """Returns the twists (b, t), m/s and rad/s."""
         agent = self.agent(briefing)
         # the planner's kernels take records that lie apart; the agent's are compiled for such as lie side by side
@@ -105,12 +106,12 @@ class Hybrid(GoalLaw):
 
     def taken(
         self,
-        observation: goal_reaching.Observation,
+        observation: Observation,
         briefing: Briefing,
-        memory: NDArray[Any],
-        retained: NDArray[Any],
-        twists: tuple[NDArray[np.float64], NDArray[np.float64]],
-    ) -> NDArray[np.float64]:
+        memory: Memory,
+        retained: Memory,
+        twists: Both,
+    ) -> Array:
         """Returns the twists (b, t) that are driven, here the agent's.
 
         Args:
