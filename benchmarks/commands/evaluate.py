@@ -118,7 +118,7 @@ HELP = f"""Compares policies on the same scenarios, starts and disturbances: pri
 
 \b
 Suites:
-  overview                  the three reference papers, a small contest a task
+  overview                  all four tasks, and the three reference papers
 {_LINES}
   disturbances              all these tasks, under growing disturbances
   teams, people, crowdnav   several robots; one robot among people
@@ -136,12 +136,13 @@ figures (.svg, .png). Give the same command again to continue an interrupted run
 @click.option(
     "--suite",
     type=Choice("--suite", SUITES),
-    help="What to run, see above.  [default: overview; documents with options other than --out, --seed, --workers]",
+    help="What to run, see above.  [default: overview; documents with --policies, --dynamics, --actuators, --episodes "
+    "or --video]",
 )
 @click.option(
     "--policies",
     type=_Policies("--policies", (*wayfield.policies.POLICIES, *RENAMED, "all")),
-    help="Only these policies, or all.  [default: those of the suite; public benchmarks leave out mppi, nav2_mppi]",
+    help="Only these policies of the package, or all.  [default: those of the suite but any_robot and slow ones]",
 )
 @click.option(
     "--dynamics",
@@ -164,25 +165,26 @@ figures (.svg, .png). Give the same command again to continue an interrupted run
     "homes",
     multiple=True,
     metavar="DIR",
-    help="Add your trained agents to a contest: a folder written by train.py; may be repeated.",
+    help="Add your trained agents to a contest: a folder of wayfield train; may be repeated.",
 )
 @click.option(
     "--policy",
     "own",
     multiple=True,
     metavar="SOURCE",
-    help="Add your own policy to a contest: module:Class, with gains as key=value in the same word, a model.zip of "
-    "stable-baselines3 (loading it can run code), or among people the weights of a CrowdNav network; may be repeated.",
+    help="Add a policy of your own to those of --policies: module:Class, with gains as key=value in the same word, a "
+    "model.zip of stable-baselines3 (loading it can run code), or among people the weights of a CrowdNav network; may "
+    "be repeated.",
 )
 @click.option("--families", type=Names("--families", FAMILIES), help="Only these families of scenarios, in contests.")
 @click.option(
     "--split",
     type=Choice("--split", ("test", "claims")),
-    help="Test scenarios of a contest: 10 a family (test), or 100 others, which resolve one point of success "
-    "(claims).  [default: test]",
+    help="Test scenarios of a contest: 10 a family (test), or 100 others (claims), which show differences of one "
+    "percentage point.  [default: test]",
 )
 @click.option(
-    "--claim", type=Choice("--claim", CLAIMS), help="Papers: the claim that is run again; see docs/claims.md."
+    "--claim", type=Choice("--claim", CLAIMS), help="Papers: the published claim to run again; see docs/claims.md."
 )
 @click.option("--train", is_flag=True, help="Papers: train the claim's agents anew, and run it with them.")
 @click.option("--steps", type=click.IntRange(min=1), help="Papers: training steps of a seed with --train.")
@@ -221,7 +223,9 @@ figures (.svg, .png). Give the same command again to continue an interrupted run
     metavar="DIR",
     help="Folder of the results.  [default: results/SUITE, with the options that are not default]",
 )
-@click.option("--quick", is_flag=True, help="A first look: three policies a task on four scenarios, in results/quick.")
+@click.option(
+    "--quick", is_flag=True, help="A first look: three tasks, three policies each, four scenarios, in results/quick."
+)
 @click.option("--full", is_flag=True, help="Print every table, not only one small table a task.")
 @click.option("--video", is_flag=True, help="Also film a few representative cases.")
 @click.option(

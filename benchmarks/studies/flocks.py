@@ -936,6 +936,7 @@ def main(
     out: Path,
 ) -> None:
     """Drives what is missing of a part, and writes its rows and flocks.md."""
+    out.mkdir(parents=True, exist_ok=True)
     chosen = list(TEAM_FAMILIES) if families is None else families.split(",")
     unknown = [each for each in chosen if each not in TEAM_FAMILIES]
     if unknown:

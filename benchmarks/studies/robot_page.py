@@ -142,9 +142,9 @@ def generated() -> str:
     ]
     header += ["mass (kg), inertia (kg m²), friction", "scan"]
     note = (
-        "Hull radius: of the disc around the hull. Top speeds are at rated wheel speed, each axis alone. An empty cell "
-        "of the scan: the default of `gymnasium.make`, 32 beams, 5 m, full circle. Documents B and C: see the sources "
-        "below."
+        "Hull radius: of the disc around the hull. Top speeds are at rated wheel speed, each axis alone. Where the "
+        "column scan is empty, `gymnasium.make` uses its default: 32 beams, 5 m, full circle. Documents B and C: see "
+        "the sources below."
     )
     table = Table("Robots that ship", header, [_row(robot) for robot in ROBOTS.values()], note).markdown()
     parts = [f"![Every robot to scale]({DRAWING})\n", table, f"## Sources\n\n{_SOURCES}\n"]

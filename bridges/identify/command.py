@@ -23,7 +23,7 @@ from wayfield.system.command_line import Choice, Finite, OneLineErrors, command_
 from wayfield.system.storage import write_whole
 
 THROTTLED = (
-    "the log does not hold every command: half of each change is taken half an interval earlier; "
+    "the log lacks commands: half of each change of the command is placed half an interval earlier; "
     "record all commands for narrower intervals"
 )
 
@@ -128,7 +128,10 @@ def summary(log: Log, checked: Checked, fitted: Fit, tested: Prediction | None, 
             f"  wrong messages    {len(wrong)} of {len(fitted.wrong)} of odometry, the first at {wrong[0]:.2f} s"
         )
     if tested is not None:
-        lines.append(f"errors on {BLOCK * (1.0 - split):.2g} of each {BLOCK:g} s (held out: of a sheet of the rest)")
+        last, rest = BLOCK * (1.0 - split), BLOCK * split
+        lines.append(
+            f"errors in the last {last:.2g} of every {BLOCK:g} s (held out: sheet fitted to the other {rest:.2g} s)"
+        )
         lines += [f"  {what:<17} {v:.3g} m/s and {w:.3g} rad/s" for what, (v, w) in tested.rows(base).items()]
     lines += [f"drive next for {each.name}: {each.missing}" for each in fitted.estimates if each.missing]
     return "\n".join(lines)

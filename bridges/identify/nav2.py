@@ -351,7 +351,7 @@ def _costmap_apart(g: _Gains) -> list[str]:
 def _response(can: Mapping[str, float], with_delay: bool = True) -> list[str]:
     """Returns what Nav2 cannot be given of how the base answers, as comments."""
     lag = f"lag {can['lag_v']:.3g} s and {can['lag_w']:.3g} s"
-    lines = [f"{lag}: Nav2 has no model of it; velocity_smoother's limits and a shorter reach help"]
+    lines = [f"{lag}: Nav2 has no model of it; the limits of velocity_smoother help"]
     if max(abs(can["gain_v"] - 1.0), abs(can["gain_w"] - 1.0)) > 0.01:
         gain = f"gain {can['gain_v']:.3g} and {can['gain_w']:.3g}"
         lines.append(f"{gain}: Nav2 takes what it asks for as reached; correct it in the driver of the base")
