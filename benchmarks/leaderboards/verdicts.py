@@ -100,19 +100,23 @@ class Verdict:
 
 _OPPOSITES = (
     ("more successes", "fewer successes"),
-    ("more successes (not significant)", "fewer successes (not significant)"),
     ("faster", "slower"),
     ("lower error at a lower speed", "higher error at a higher speed"),
     ("lower error", "higher error"),
 )
 
 
+UNSURE = " (not significant)"  # of what the interval says, and the corrected p does not
+
+
 def _turned(words: str) -> str:
+    said = words.removesuffix(UNSURE)
+    end = words.removeprefix(said)
     for one, other in _OPPOSITES:
-        if words.endswith(one):
-            return words.removesuffix(one) + other
-        if words.endswith(other):
-            return words.removesuffix(other) + one
+        if said.endswith(one):
+            return said.removesuffix(one) + other + end
+        if said.endswith(other):
+            return said.removesuffix(other) + one + end
     return words
 
 
@@ -133,24 +137,26 @@ def _verdict(line: Row, p_success: float, p_cost: float) -> Verdict:
         return Verdict(success, True, words, p_success, p_cost)
     least, most = _ends(line, "cost from", "cost to")
     cost = outcome(-most, -least, p_cost, float(line[LEVEL] or 0.0) * COST_MARGIN, trifles=True)
+    unsure = cost == OPEN and (least > 0.0 or most < 0.0)
+    dearer = cost == WORSE or (unsure and least > 0.0)
     speeds = [float(each) if each not in ("", "-") else math.nan for each in (line[SPEED], line[OTHER_SPEED])]
-    best, worst = speeds[::-1] if cost == WORSE else speeds
+    best, worst = speeds[::-1] if dearer else speeds
     apart = bool(line[PACED]) and min(speeds) < (1.0 - PACE_TOLERANCE) * max(speeds)
     if cost == EQUIVALENT and apart:
         cost = OPEN  # an error at a lower speed is another one
     if (low > 0.0 or high < 0.0) and cost != (BETTER if low > 0.0 else WORSE):
         # significant before correction: not so alike that a cost may decide which does not say the same
-        return Verdict(OPEN, False, f"{words} (not significant)", p_success, p_cost)
-    if cost == success:  # both equivalent, or both a tie
+        return Verdict(OPEN, False, f"{words}{UNSURE}", p_success, p_cost)
+    if cost == success and not unsure:  # both equivalent, or both a tie
         return Verdict(cost, False, cost, p_success, p_cost)
     before = f"{success} in success; "
-    if cost in (EQUIVALENT, OPEN):
+    if cost in (EQUIVALENT, OPEN) and not unsure:
         return Verdict(OPEN, False, f"{before}{cost} in {cost_name}", p_success, p_cost)
-    words = {"time": ("faster", "slower"), "error": ("lower error", "higher error")}[cost_name][cost == WORSE]
+    words = {"time": ("faster", "slower"), "error": ("lower error", "higher error")}[cost_name][dearer]
     if apart and best < worst:
-        words += " at a higher speed" if cost == WORSE else " at a lower speed"
-        return Verdict(SLOWER, False, f"{before}{words}", p_success, p_cost)
-    return Verdict(cost, False, f"{before}{words}", p_success, p_cost)
+        words += " at a higher speed" if dearer else " at a lower speed"
+        cost = cost if unsure else SLOWER
+    return Verdict(cost, False, f"{before}{words}{UNSURE * unsure}", p_success, p_cost)
 
 
 def _ends(line: Row, low: str, high: str) -> tuple[float, float]:

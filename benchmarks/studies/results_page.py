@@ -29,7 +29,17 @@ from wayfield.benchmarks.leaderboards.entries import (
     solved_mean_cell,
     success_cell,
 )
-from wayfield.benchmarks.leaderboards.verdicts import BETTER, COST, EQUIVALENT, MARGINS, OPEN, Verdict, judged, shown
+from wayfield.benchmarks.leaderboards.verdicts import (
+    BETTER,
+    COST,
+    EQUIVALENT,
+    MARGINS,
+    OPEN,
+    UNSURE,
+    Verdict,
+    judged,
+    shown,
+)
 from wayfield.benchmarks.records.episode import Episodes
 from wayfield.envs.robots import ROBOTS
 from wayfield.policies.learned.agent import CARD, read_card
@@ -456,7 +466,7 @@ def _place(condition: str, scenes: str) -> str:
 def _short(verdict: Verdict) -> str:
     """Returns the words that decide a verdict: without the success where time or error do; "tie" where none does."""
     words = verdict.words.rpartition("; ")[2]
-    return OPEN if verdict.outcome == OPEN and words != verdict.words else words
+    return OPEN if verdict.outcome == OPEN and not words.endswith(UNSURE) else words
 
 
 def _with_p(cell: str, p: str) -> str:
@@ -593,7 +603,14 @@ def _sentences(tasks: Sequence[Contested]) -> str:
                 if names := [name for name, each in outcomes if each == nearness]:
                     parts.append(f"{' and '.join(names)} {words[len(names) > 1]}")
             text.append(f"- **{_SCENES.get(f'{heading}, {kind}', heading)}**: {'; '.join(parts)}.")
-    return "\n".join([*text, f"\nEquivalent: within {MARGINS}. Tie: no significant difference."])
+    return "\n".join(
+        [
+            *text,
+            f"\nEquivalent: within {MARGINS}. Tie: the 95 % interval of the difference contains 0. Not significantly: "
+            "it does not contain 0, but the corrected p is above 0.05. An agent may be first by a difference that is "
+            "not significant; [choosing](choosing.md) then names the controller.",
+        ]
+    )
 
 
 _BEHIND = "behind, not significantly"
@@ -605,8 +622,9 @@ _NEAR = {
 
 
 def _nearness(verdict: Verdict) -> str:
-    """Returns the outcome of a first entry beside another; who fails more often by the interval alone is no tie."""
-    return _BEHIND if verdict.words.startswith("more successes (") else verdict.outcome
+    """Returns the outcome of a first entry beside another; who is behind by the interval alone is no tie."""
+    behind = verdict.words.rpartition("; ")[2].startswith(("more successes (", "faster (", "lower error"))
+    return _BEHIND if verdict.outcome == OPEN and behind else verdict.outcome
 
 
 def _has_map(row: Mapping[str, str]) -> bool:
@@ -671,7 +689,7 @@ SAID = {
     "corners": "paths with corners",
     "obstacles are static": "static obstacles",
     "obstacles move": "moving obstacles",
-    "the space is free": "free space",
+    "there are no obstacles": "free space",
     "at a wall": "wall or parking bay",
 }
 

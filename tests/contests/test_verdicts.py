@@ -90,6 +90,13 @@ LESS, MORE_COST, TRIFLE, NONE = (-3.0, -1.0, 1e-6), (1.0, 3.0, 1e-6), (0.1, 0.4,
             *(f"equivalent in success; {x} error" for x in ("lower", "higher")),
         ),
         (line_of(ALIKE, TRIFLE, "mm", SLOW), "tie", *["equivalent in success; tie in error"] * 2),
+        # the interval of an error leaves out zero, and the correction takes that away: no verdict, and no word of a tie
+        (
+            line_of(OPEN, (-3.0, -0.9, 0.04), "mm"),
+            "tie",
+            *(f"tie in success; {x} error (not significant)" for x in ("lower", "higher")),
+        ),
+        (line_of(BARELY, (0.9, 3.0, 0.04)), "tie", *UNSURE),
         (line_of(NONE, NONE), "too few scenarios", "too few scenarios", "too few scenarios"),
     ],
 )

@@ -189,20 +189,20 @@ def verdict(line: Mapping[str, str], p_success: float, p_cost: float) -> str:
         return many
     alike = not side and low >= -1.0 and max(high, float(line["exact limit (points)"])) <= 1.0
     success = "equivalent" if alike else "tie"
-    timed, cost, less = line["unit"] == "s", "tie", 0
+    timed, cost, less, sure = line["unit"] == "s", "tie", 0, True
     speeds = [float(line[each].strip("-") or "nan") for each in ("speed (m/s)", "its speed (m/s)")]
     apart = line["asked (m/s)"] != "" and min(speeds) < 0.97 * max(speeds)
     if line["cost from"]:
         ends = float(line["cost from"]), float(line["cost to"])
         if max(map(abs, ends)) <= 0.05 * float(line["lesser cost"]):
             cost = "tie" if apart else "equivalent"
-        elif p_cost < 0.05 and ends[0] * ends[1] > 0.0:
-            less = 1 if ends[1] < 0.0 else -1
-    if side and side != less:
+        elif ends[0] * ends[1] > 0.0:
+            less, sure = 1 if ends[1] < 0.0 else -1, p_cost < 0.05
+    if side and (side != less or not sure):
         return f"{many} (not significant)"
     if not less:
         return cost if cost == success else f"{success} in success; {cost} in {'time' if timed else 'error'}"
     words = ("faster", "slower") if timed else ("lower error", "higher error")
     best, worst = speeds[::less]
     told = f" at a {'lower' if less > 0 else 'higher'} speed" if apart and best < worst else ""
-    return f"{success} in success; {words[less < 0]}{told}"
+    return f"{success} in success; {words[less < 0]}{told}{'' if sure else ' (not significant)'}"
