@@ -5,7 +5,7 @@ import dataclasses
 import io
 import itertools
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import flocks
@@ -73,23 +73,27 @@ class Panel:
     matches: tuple[Match, ...]
 
 
-# The kinds of scenes of a task: as the leaderboards call them, and as README does.
-_TASKS: tuple[tuple[str, str, str, str, str, str, Mapping[str, str]], ...] = (
+_PATHS, _TIMED = "claims/path_following_p3dx", "trajectory_tracking_p3dx"
+_GOALS, _DOCKS = "claims/goal_obstacles_p3dx", "claims/docking_p3dx"
+# The kinds of scenes of a task: the leaderboard of each and how that calls it, and how README does.
+_TASKS: tuple[tuple[str, str, str, str, str, tuple[tuple[str, str, str], ...]], ...] = (
     (
-        "Path following", "RMS cross-track error (mm), lower is better", "mm", "paths",
-        "claims/path_following_p3dx", "{} tracks {where} more closely than {}",
-        {"smooth paths": "smooth paths", "paths with corners": "paths with corners"},
+        "Path following", "RMS error (mm), lower is better", "mm", "paths",
+        "{} tracks {where} more closely than {}",
+        ((_PATHS, "smooth paths", "smooth paths"), (_PATHS, "paths with corners", "paths with corners"),
+         (_TIMED, "references that a base can follow", "timed trajectories")),
     ),
     (
-        "Goal reaching without a map", "success (%)", "%", "scenes",
-        "claims/goal_obstacles_p3dx", "{} reaches more goals than {} {where}",
-        {"static obstacles": "among static obstacles", "moving obstacles": "among moving obstacles"},
+        "Goal reaching without a map", SUCCESS, "%", "scenes",
+        "{} reaches more goals than {} {where}",
+        ((_GOALS, "static obstacles", "among static obstacles"),
+         (_GOALS, "moving obstacles", "among moving obstacles")),
     ),
     (
-        "Docking (PPO with a fallback)", "success (%)", "%", "docks",
-        "claims/docking_p3dx", "{} succeeds more often than {} {where}",
-        {"free space": "in free space", "wall or parking bay": "at a wall or in a bay",
-         "moving obstacles": "among moving obstacles"},
+        "Docking (PPO with a fallback)", SUCCESS, "%", "docks",
+        "{} succeeds more often than {} {where}",
+        ((_DOCKS, "free space", "in free space"), (_DOCKS, "wall or parking bay", "at a wall or in a bay"),
+         (_DOCKS, "moving obstacles", "among moving obstacles")),
     ),
 )  # fmt: skip
 
@@ -101,14 +105,21 @@ CROWDS = {  # of the parts those of equal inputs, and in the crowds of others, a
     "in AttnGraph's crowd": "in AttnGraph's crowd of 20",
 }
 TASKS = len(_TASKS) + 1
-_SECTIONS = ("path-following-claims", "goal-obstacles-claims", "docking-claims")  # whose rows these are
+_SECTIONS = (
+    "path-following-claims",
+    "trajectory-tracking",
+    "goal-obstacles-claims",
+    "docking-claims",
+)  # whose rows these are
 
 
 def panels(store: Store) -> Iterator[Panel]:
     """Yields the tasks that there are kept rows of."""
-    for title, axis, unit, scenes, stem, win, kinds in _TASKS:
-        board, lines = store.rows(f"{stem}_board"), store.rows(f"{stem}_pairs")
-        matches_of = [_match(board, lines, kind, where, unit) for kind, where in kinds.items()]
+    for title, axis, unit, scenes, win, kinds in _TASKS:
+        matches_of = [
+            _match(store.rows(f"{stem}_board"), store.rows(f"{stem}_pairs"), kind, where, unit)
+            for stem, kind, where in kinds
+        ]
         if matches := tuple(each for each in matches_of if each is not None):
             yield Panel(title, axis, unit, scenes, win, matches)
     if matches := tuple(_crowds(store)):
@@ -128,7 +139,7 @@ def _match(board: Sequence[Row], lines: Sequence[Row], kind: str, where: str, un
     verdict = verdict_of(lines, kind, entry_of(controller), entry_of(agent))
     if verdict is None:
         return None
-    cost = next(name for name in agent if name.endswith(("error (mm)", "time (s)")))
+    cost = next(name for name in agent if name.endswith(("(mm)", "time (s)")))
     column = SUCCESS if unit == "%" else cost
     names = (
         _controller(controller["policy"], controller["gains"]),
@@ -216,7 +227,7 @@ def _rows(store: Store, name: str) -> list[Row]:
 def _seeds(rows: Sequence[Row], agent: str) -> str:
     """Returns how many seeds of an agent drove, of those that ship; "" where all did."""
     drove, all_of_them = flocks.seeds_of(rows, agent), len(list(shipped(flocks.AGENTS[agent], flocks.ROBOT)))
-    return "" if drove == all_of_them else f"first {drove} of {all_of_them} seeds"
+    return "" if drove == all_of_them else f"{drove} of {all_of_them} seeds"
 
 
 def _share(rows: Sequence[Row], name: str, metric: str) -> tuple[float, float, float]:
@@ -239,10 +250,11 @@ def sentences(shown_panels: Sequence[Panel]) -> list[str]:
             # the same outcome of the same two in the next kind of scenes is not spelled again
             clauses.append(
                 f"{'and ' if words == before else ''}{place if words == before else words.format(place)} ({numbers})"
+                + (f", and PPO reaches {match.ppo} %" if match.ppo else "")
             )
             before = words
         title = panel.title.replace(
-            "PPO with a fallback", "PPO hands over to `reeds_shepp_scan` when it is stuck or something moves"
+            "PPO with a fallback", "PPO uses `reeds_shepp_scan` when stuck or near moving obstacles"
         )
         verdicts.append(f"- **{title}**: {'; '.join(clauses).replace('; and ', ', and ')}.")
     return verdicts
@@ -276,7 +288,6 @@ def _clause(panel: Panel, match: Match) -> tuple[str, str, str]:
     numbers += f", {match.scenes:,} {panel.scenes}"
     if match.faster:  # elsewhere the numbers are those of the verdict
         numbers = f"{match.faster}; {'both' if a.value == b.value else 'tie in success:'} {numbers}"
-    numbers = "; ".join(filter(None, (numbers, match.ppo and f"PPO trained only for this robot model: {match.ppo} %")))
     if speeds:
         numbers += ", at {:.2f} vs. {:.2f} m/s".format(*speeds[::turned])
     words = {
@@ -306,16 +317,17 @@ def _count(shown_panels: Sequence[Panel]) -> str:
         [_where(panel, match) for panel in shown_panels for match in panel.matches if match.outcome == outcome]
         for outcome in (BETTER, WORSE)
     )
-    count = sum(len(panel.matches) for panel in shown_panels)
+    outcomes = [match.outcome for panel in shown_panels for match in panel.matches]
     wins, losses = (len(each) or "none" for each in (won, lost))
-    ties = count - len(won) - len(lost)
+    alike = outcomes.count(EQUIVALENT)
+    ties = len(outcomes) - len(won) - len(lost) - alike
     which = [f"{camp} win {_listed(each)}." for camp, each in (("Controllers", won), ("Agents", lost)) if each]
     return " ".join(
         (
-            f"**Controllers win {wins} of {count} kinds of scenes, agents trained with PPO win {losses}; {ties} are "
-            "ties.**",
+            f"**Controllers win {wins} of {len(outcomes)} kinds of scenes, agents trained with PPO win {losses}.**",
             *which,
-            'A tie is a difference that is not significant, or is shown to be negligible ("equivalent").',
+            f"In {ties} kinds, the difference is not significant (a tie); in {alike}, it is shown to be negligible "
+            "(equivalent).",
         )
     )
 
