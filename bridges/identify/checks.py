@@ -33,6 +33,7 @@ MOST_WILD = 0.1  # share of the messages that may be; more are in other units
 HUNG = 3.0  # s, for which odometry that moves does not repeat itself to the last digit
 APART, NOTICED = 0.75, 1.0  # share of its largest values, and s, by and for which odometry then is off its commands
 TWICE = 0.9  # share of the messages with one stamp that are equal where each was recorded twice
+SKEWED = 0.1  # s, of stamps against arrivals, beyond which a delay is not the base's
 UNITS = ("m/s", "rad/s")
 NAMES = ("forward speed", "yaw rate")
 
@@ -62,6 +63,11 @@ def check(log: Log, cut: bool = False) -> Checked:
     _check_seconds(log.times)
     _check_units("commands", log.commands, 0.0)
     _check_units("odometry", log.speeds, MOST_WRONG)
+    if abs(log.skew) > SKEWED:
+        warnings.append(
+            f"commands arrive {abs(log.skew):.2f} s {'later' if log.skew > 0.0 else 'sooner'} after their stamps than "
+            "odometry does: clocks of two computers, or a slow network? The delays contain it; compare --stamps arrival"
+        )
     sane = _sane(log)
     if not sane.all():
         warnings.append(

@@ -1,20 +1,22 @@
 """`wayfield identify`: from a log of a robot to its data sheet."""
 
 import json
+import math
 import re
 import sys
 from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 
-from wayfield.bridges.identify.checks import Checked, check
+from wayfield.bridges.identify.checks import NAMES, UNITS, Checked, check
 from wayfield.bridges.identify.estimate import Fit, fit, intervals
 from wayfield.bridges.identify.noise import measure, rates
 from wayfield.bridges.identify.odometry import odometry_errors
 from wayfield.bridges.identify.prediction import BLOCK, Prediction, predict
 from wayfield.bridges.identify.recording import STAMPS, Log, Topics, read_log
-from wayfield.bridges.identify.response import SATURATIONS
+from wayfield.bridges.identify.response import SATURATIONS, Drive
 from wayfield.bridges.identify.sheet import doubts, identified, settled
 from wayfield.envs.robots import ROBOTS, Robot
 from wayfield.envs.robots.robot_option import RobotChoice
@@ -74,7 +76,7 @@ def main(
         checked = check(recorded, cut)
         half_track = robot.wheels[-1].y if not robot.holonomic else 0.2
         fitted = intervals(fit(checked.drive, half_track))
-        warnings = (*checked.warnings, *([THROTTLED] if fitted.throttled else []))
+        warnings = (*checked.warnings, *([THROTTLED] if fitted.throttled else []), *clipped(fitted.drive))
         for each in warnings:
             click.echo(f"identify: {each}", err=True)
         source = f"{recorded.name}, SHA-256 {recorded.digest}; {command_given('identify')}"
@@ -91,7 +93,7 @@ def main(
         say(f"  {slip.name:<17} {slip}")
     for line in missing:
         say(f"unbounded {line}")
-    doubtful = doubts(robot, sheet)
+    doubtful = [*doubts(robot, sheet), *(tested.doubts(robot.name, checked.drive) if tested is not None else [])]
     for line in doubtful:
         say(f"doubtful: {line}")
     if report is not None:
@@ -114,6 +116,20 @@ def _name(out: Path | None, base: Robot) -> str:
     stem = out.stem if out is not None else ""
     good = re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,39}", stem) and stem not in ROBOTS
     return stem if good else f"{base.name[:29]}_identified"
+
+
+def clipped(drive: Drive) -> list[str]:
+    """Returns a line for each axis whose odometry is clipped."""
+    lines = []
+    for axis, (low, high) in enumerate(drive.reported.T):
+        if math.isfinite(low) or math.isfinite(high):
+            ends = " and ".join(f"{each:.4g}" for each in (low, high) if math.isfinite(each))
+            count, most = np.isin(drive.speeds[:, axis], (low, high)).sum(), np.abs(drive.commands[:, axis]).max()
+            lines.append(
+                f"{count} messages of odometry have the {NAMES[axis]} {ends} {UNITS[axis]}, none more, while up to "
+                f"{most:.4g} is commanded: clipped by its driver? They count as that speed or more"
+            )
+    return lines
 
 
 def summary(log: Log, checked: Checked, fitted: Fit, tested: Prediction | None, split: float, base: str) -> str:

@@ -49,6 +49,7 @@ TELLING = 10.0  # of the loss, by which commands between the records must be bet
 BEND = 3.0  # deviations of the noise, beyond which a residual counts in proportion
 FAR = 8.0  # deviations, beyond which a message is called wrong
 MOST_WRONG = 0.03  # share of the messages
+REPEATED = 8  # messages with one largest speed, from which on odometry may be clipped
 PIECE = 2.0  # s, of the blocks of the jackknife
 REGULAR = 1.5  # times the limit, up to which a likelihood that leaves it at the expected end has one ridge
 NEAR = 0.2  # of the limit, within which the end is that of a straight line
@@ -405,9 +406,11 @@ def noise_of(drive: Drive, response: Floats) -> Floats:
 
     It is that of a normal distribution whose nine tenths of least size are as large: wrong messages are in the tenth.
     """
-    sizes = np.abs(drive.speeds.T - response)[:, drive.counted]
+    sizes = np.abs(drive.speeds.T - response)
     fastest = np.quantile(np.abs(drive.speeds), 0.98, axis=0)
-    noise: Floats = np.maximum(np.quantile(sizes, 0.9, axis=1) / 1.6449, LEAST_NOISE * np.maximum(fastest, 1e-3))
+    free = drive.counted[:, None] & (drive.reported[0] < drive.speeds) & (drive.speeds < drive.reported[1])
+    nine = [float(np.quantile(sizes[axis, free[:, axis]], 0.9)) for axis in range(2)]
+    noise: Floats = np.maximum(np.array(nine) / 1.6449, LEAST_NOISE * np.maximum(fastest, 1e-3))
     return noise
 
 
@@ -458,11 +461,38 @@ def choose_saturation(drive: Drive, axes: Floats, half_track: float) -> tuple[in
 def fit(drive: Drive, half_track: float = 0.2, delays: Floats = DELAYS) -> Fit:
     """Returns the fitted response of both axes, without intervals.
 
+    Where odometry seems to be clipped, it is taken as such if it is explained better than by limits of the base.
+
     Args:
         drive: what was commanded and measured.
         half_track: m, of the base, from which the search for its own starts.
         delays: s, that are tried first.
     """
+    reported = clipped(drive)
+    if not np.array_equal(reported, drive.reported):
+        whole = dataclasses.replace(drive, reported=reported)
+        limited, cut = _fit(drive, half_track, delays), _fit(whole, half_track, delays)
+        return cut if _loss(cut, cut.noise) < _loss(limited, cut.noise) - TELLING else limited
+    return _fit(drive, half_track, delays)
+
+
+def clipped(drive: Drive) -> Floats:
+    """Returns the range (2, 2) that odometry reports if it is clipped where it repeats its largest values."""
+    reported = drive.reported.copy()
+    for axis, speeds in enumerate(drive.speeds.T):
+        for side, sign in enumerate((-1.0, 1.0)):
+            values, counts = np.unique(sign * speeds, return_counts=True)
+            beyond = len(speeds) - np.cumsum(counts)
+            likely = (
+                (values > 0.0) & (beyond <= MOST_WRONG * len(speeds)) & (counts >= np.maximum(REPEATED, 5 * beyond))
+            )
+            if likely.any() and (sign * drive.commands[:, axis]).max() > (most := float(values[likely][0])):
+                reported[side, axis] = sign * most
+    return reported
+
+
+def _fit(drive: Drive, half_track: float, delays: Floats) -> Fit:
+    """Returns the fitted response of a drive whose odometry is clipped where the drive says so."""
     axes = fit_axes(drive, delays)
     if len(commanded(drive)) == 2:
         saturation, start, losses = choose_saturation(drive, axes, half_track)

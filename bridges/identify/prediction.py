@@ -5,6 +5,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from wayfield.bridges.identify.checks import NAMES, UNITS
 from wayfield.bridges.identify.estimate import Fit, commanded, refitted
 from wayfield.bridges.identify.response import Drive, Floats, held
 from wayfield.bridges.identify.sheet import predicted, sheet_of
@@ -13,7 +14,6 @@ from wayfield.envs.robots import Robot
 BLOCK = 10.0  # s, of each of which a part is held out
 LEAST = 100  # samples of each part of a split drive
 WORSE = 1.1  # times the error of an ideal base, from which on a sheet is none
-NAMES = ("forward speed", "yaw rate")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -31,6 +31,17 @@ class Prediction:
             "held out": self.unseen, "this sheet": self.sheet, f"{name}'s sheet": self.base, "an ideal base": self.ideal
         }  # fmt: skip
 
+    def doubts(self, name: str, drive: Drive) -> list[str]:
+        """Returns a line where the base's own sheet predicts better than one that is fitted to the other parts."""
+        axes = list(commanded(drive))
+        better = [axis for axis in axes if self.base[axis] < self.unseen[axis]]
+        errors = ", ".join(
+            f"{NAMES[axis]} {self.base[axis]:.3g} against {self.unseen[axis]:.3g} {UNITS[axis]}" for axis in better
+        )
+        keep = np.log(self.base[axes] / self.unseen[axes]).sum() < 0.0
+        told = f"{name}'s sheet predicts held-out time better ({errors})"
+        return [f"{told}: keep that sheet" if keep else told] if better else []
+
     def check(self, drive: Drive) -> None:
         """Raises ValueError, in one line, where a sheet errs by more than an ideal base."""
         for axis in commanded(drive):
@@ -39,7 +50,7 @@ class Prediction:
                 if error > most:
                     raise ValueError(
                         f"{what} predicts the {NAMES[axis]} worse than an ideal base (RMS {error:.3g} against "
-                        f"{self.ideal[axis]:.3g} {('m/s', 'rad/s')[axis]} on held-out time), so none is written: are "
+                        f"{self.ideal[axis]:.3g} {UNITS[axis]} on held-out time), so none is written: are "
                         "these the commands that the base follows? Record again without gaps, or for longer"
                     )
 
@@ -60,6 +71,7 @@ def predict(robot: Robot, base: Robot, written: Fit, fixed: Mapping[int, float],
     if min((drive.counted & seen).sum(), late.sum()) < LEAST:
         return None
     unseen = sheet_of(base, written, refitted(written, drive.only(seen), fixed))
-    commanded = np.stack([held(drive.command_times, drive.commands[:, axis], drive.times) for axis in range(2)])
-    responses = *(predicted(each, drive) for each in (robot, unseen, base)), commanded
+    commands = np.stack([held(drive.command_times, drive.commands[:, axis], drive.times) for axis in range(2)])
+    ideal = np.clip(commands, drive.reported[0][:, None], drive.reported[1][:, None])
+    responses = *(predicted(each, drive) for each in (robot, unseen, base)), ideal
     return Prediction(*(np.sqrt(((drive.speeds.T - each)[:, late] ** 2).mean(axis=1)) for each in responses))

@@ -65,6 +65,7 @@ class Log:
     truth: Floats = dataclasses.field(default_factory=lambda: np.empty((0, 3)))  # (k, 3)
     scan_times: Floats = dataclasses.field(default_factory=lambda: np.empty(0))  # (s,)
     scans: Floats = dataclasses.field(default_factory=lambda: np.empty((0, 0)))  # (s, beams) m
+    skew: float = 0.0  # s, by which commands arrive later after their stamps than odometry after its own
 
 
 def read_log(files: Sequence[str | Path], topics: Topics | None = None, stamps: str = "auto") -> Log:
@@ -222,12 +223,15 @@ def read_bag(file: Path, topics: Topics, stamps: str = "auto") -> Log:
         messages = _messages(file, source, deserialize, wanted, stamps)
     commands, odometry = messages[topics.cmd], messages[topics.odom]
     start = min(commands[0][0, 0], odometry[0][0, 0])
-    truth = messages.get(topics.truth or "", (np.empty((0, 4)), ""))[0]
-    scans = messages.get(topics.scan or "", (np.empty((0, 1)), ""))[0]
+    truth = messages.get(topics.truth or "", (np.empty((0, 4)),))[0]
+    scans = messages.get(topics.scan or "", (np.empty((0, 1)),))[0]
+    late, other = (each[2] - each[0][:, 0] for each in (commands, odometry))
+    skew = float(np.median(late - np.interp(commands[2], odometry[2], other)))
     return Log(
         file.name, _digest(file), commands[1], commands[0][:, 0] - start, np.ascontiguousarray(commands[0][:, 1:]),
         odometry[0][:, 0] - start, np.ascontiguousarray(odometry[0][:, 1:3]), odometry[0][:, 3:],
         truth[:, 0] - start, truth[:, -3:], scans[:, 0] - start, scans[:, 1:],
+        skew,
     )  # fmt: skip
 
 
@@ -293,8 +297,8 @@ def _check_topic(file: Path, topic: str, kinds: Sequence[str], connections: Sequ
 
 def _messages(
     file: Path, source: Any, deserialize: Any, wanted: Mapping[str, Sequence[str]], stamps: str
-) -> dict[str, tuple[Floats, str]]:
-    """Returns the rows (n, 1 + columns) of each topic, time first in s, and what the times are."""
+) -> dict[str, tuple[Floats, str, Floats]]:
+    """Returns the rows (n, 1 + columns) of each topic, time first in s, what the times are, and the arrivals (n,) s."""
     connections = [each for each in source.connections if each.topic in wanted]
     stamped = all(each.msgtype != COMMANDS[0] for each in connections)
     if stamps == "header" and not stamped:
@@ -302,6 +306,7 @@ def _messages(
         raise _Refused(f"{file}: --stamps header, but {plain} is of type {COMMANDS[0]}, which has no header")
     by_header = stamped if stamps == "auto" else stamps == "header"
     rows: dict[str, list[NDArray[Any]]] = {topic: [] for topic in wanted}
+    arrivals: dict[str, list[float]] = {topic: [] for topic in wanted}
     for connection, arrival, raw in source.messages(connections=connections):
         rows_of = rows[connection.topic]
         if wanted[connection.topic] is SCANS and len(rows_of) >= MOST_SCANS:
@@ -317,6 +322,7 @@ def _messages(
         stamp = message.header.stamp if by_header else None
         nanoseconds = arrival if stamp is None else stamp.sec * 10**9 + stamp.nanosec
         rows_of.append(np.array([1e-9 * nanoseconds, *_values(message, connection.msgtype)]))
+        arrivals[connection.topic].append(1e-9 * arrival)
     results = {}
     for topic, rows_of in rows.items():
         if not rows_of and topic in wanted and wanted[topic] is not SCANS:
@@ -330,7 +336,7 @@ def _messages(
             raise _Refused(
                 f"{file}: message {at} of topic {topic} holds {shown(table[at, 1:].tolist())}; all must be finite"
             )
-        results[topic] = table, "header" if by_header else "arrival"
+        results[topic] = table, "header" if by_header else "arrival", np.array(arrivals[topic])
     return results
 
 

@@ -41,6 +41,9 @@ class Drive:
     speeds: Floats  # (n, 2)
     starts: Flags  # (n,) where the response begins anew at what was measured
     counted: Flags  # (n,) what residuals count
+    reported: Floats = dataclasses.field(
+        default_factory=lambda: np.array([[-np.inf, -np.inf], [np.inf, np.inf]])
+    )  # (2, 2) least and largest speeds of each axis that odometry reports
 
     def only(self, counted: Flags) -> "Drive":
         """Returns the same drive, of which only these residuals count."""
@@ -234,7 +237,7 @@ def saturate(cv, cw, gv, gw, p, q, saturation, e, targets, slopes):  # type: ign
 def pair_response(
     drive: Drive, saturation: int, numbers: Floats, axes: tuple[int, ...] = (0, 1)
 ) -> tuple[Floats, Floats]:
-    """Returns the response (2, n) of both axes, and its derivatives (2, n, 12).
+    """Returns the response (2, n) of both axes, as far as odometry reports it, and its derivatives (2, n, 12).
 
     Args:
         drive: what was commanded, and when it was measured.
@@ -258,6 +261,9 @@ def pair_response(
         )  # fmt: skip
         slopes[row][:, [0, 1, 5, 6, 10, 11]] = result[:, :6]
         slopes[row][:, 5 * axis + 2 : 5 * axis + 5] = result[:, 6:]
+        least, most = drive.reported[:, axis]
+        slopes[row][(v[row] < least) | (v[row] > most)] = 0.0
+        np.clip(v[row], least, most, out=v[row])
     return v, slopes
 
 

@@ -15,6 +15,7 @@ from wayfield.envs.robots.intervals import Interval
 METHOD = "profile likelihood, 95 %"
 FROM_BOUND = {"acceleration": 2.0, "deceleration": 2.0}  # times the bound; at 2 what is left of the misfit is a quarter
 USUAL = {"gain": 2.0, "track": 2.0, "top speed": 3.0}  # times 1, or the base's own, up to which nothing is doubted
+USUAL_DELAY = 0.4  # s
 RARE = 0.02  # share of the commands that may contradict a sheet whose axes saturate by themselves
 
 
@@ -114,11 +115,16 @@ def identified(base: Robot, fitted: Fit, name: str, source: str) -> tuple[Robot,
 
 
 def doubts(base: Robot, robot: Robot) -> list[str]:
-    """Returns a line for each number of an identified robot that is far from its base's, or a gain far from 1."""
+    """Returns a line for each number of an identified robot that no such base is likely to have."""
     lines = [
         f"gain_{axis} is {gain:.3g}: are commands and odometry in m/s and rad/s?"
         for axis, gain in zip("vw", robot.gain or (1.0, 1.0), strict=True)
         if not 1.0 / USUAL["gain"] <= gain <= USUAL["gain"]
+    ]
+    lines += [
+        f"delay_{axis} is {delay:.3g} s: are the stamps of commands and odometry of one clock?"
+        for axis, delay in zip("vw", robot.delay or (0.0, 0.0), strict=True)
+        if delay > USUAL_DELAY
     ]
     for what, unit, value, own in (
         ("track", "m", 2.0 * robot.wheels[1].y, 2.0 * base.wheels[1].y),

@@ -17,12 +17,13 @@ from identification import drive_of, script
 from numpy.typing import NDArray
 
 from wayfield.bridges.identify.checks import check
-from wayfield.bridges.identify.command import main
+from wayfield.bridges.identify.command import clipped, main
 from wayfield.bridges.identify.estimate import fit, intervals
 from wayfield.bridges.identify.noise import measure, rates
 from wayfield.bridges.identify.odometry import odometry_errors
+from wayfield.bridges.identify.prediction import Prediction
 from wayfield.bridges.identify.recording import Log, Topics, read_log
-from wayfield.bridges.identify.response import AXES, Drive
+from wayfield.bridges.identify.response import AXES, PAIR, Drive
 from wayfield.bridges.identify.sheet import doubts, identified
 from wayfield.envs.robots import ROBOTS, read_robot
 from wayfield.envs.robots.intervals import Interval
@@ -252,6 +253,46 @@ def test_odometry_that_hangs_is_left_out_and_a_base_that_does_what_is_commanded_
     legs = np.repeat([[0.2, 0.0], [0.0, 0.0], [-0.2, 0.5], [0.1, -1.0], [0.0, 1.0]], 200, axis=0)
     times = 0.05 * np.arange(len(legs))
     check(Log("drive.csv", "", "table", times, legs, times + 0.1, 0.8 * legs))
+
+
+@pytest.mark.parametrize("level", [0.15, 0.8])
+@pytest.mark.parametrize("axis", [0, 1])
+def test_odometry_that_its_driver_clips_leaves_the_answers(axis: int, level: float) -> None:
+    drive, most = driven(), np.full(2, np.inf)
+    most[axis] = level * TURTLEBOT[10 + axis]
+    found = intervals(fit(check(log_of(changed(drive, speeds=np.clip(drive.speeds, -most, 0.7 * most)))).drive))
+    np.testing.assert_array_equal(found.drive.reported.T[axis], (-most[axis], 0.7 * most[axis]))
+    assert clipped(found.drive)[0].count("\n") == 0
+    held = [each.low <= TURTLEBOT[PAIR.index(each.name)] <= each.high for each in found.estimates if each.name in PAIR]
+    assert sum(held) >= len(held) - 1  # each has its 5 %
+    limits = [found[name] for name in ("speed_v", "speed_w")]
+    assert all(each.low <= true <= each.high for each, true in zip(limits, TURTLEBOT[10:], strict=True))
+
+
+def test_limits_of_a_base_are_no_clipped_odometry() -> None:
+    """Not even where it has no noise and is rounded, so that a cruise repeats one largest speed."""
+    part = script(30.0, 1.3)
+    idle = np.zeros_like(part)
+    commands = np.stack([0.2 * np.concatenate([part, idle]), 2.4 * np.concatenate([idle, part])], axis=1)
+    drive = drive_of(np.random.default_rng(0), commands, AXES, TURTLEBOT, (0.0, 0.0), 0.0)
+    for decimals in (3, 9):
+        found = fit(changed(drive, speeds=np.round(drive.speeds, decimals)))
+        assert np.isinf(found.drive.reported).all()
+        np.testing.assert_allclose(found.numbers[10:], TURTLEBOT[10:], rtol=0.01)
+
+
+@pytest.mark.parametrize(("own", "told"), [((0.2, 0.2), "keep"), ((0.2, 9.0), "predicts"), ((1.0, 1.0), "")])
+def test_a_sheet_that_predicts_worse_than_the_base_has_is_doubted(own: tuple[float, float], told: str) -> None:
+    lines = Prediction(np.ones(2), np.full(2, 0.5), np.array(own), np.ones(2)).doubts("mine", driven())
+    assert told in "".join(lines)
+    assert len(lines) == bool(told)
+    assert ("keep" in "".join(lines)) == (told == "keep")
+
+
+def test_stamps_of_two_clocks_are_doubted_in_a_line() -> None:
+    log = log_of(driven())
+    assert check(log).warnings == ()
+    assert "clocks" in check(dataclasses.replace(log, skew=-0.5)).warnings[0]
 
 
 @pytest.mark.parametrize(("scale", "told"), [((3.6, 1.0), "gain_v is 3."), ((1.0, 1.0), "")])
