@@ -351,6 +351,10 @@ def test_a_race_has_a_result_and_its_link_carries_the_run(browser: Browser, file
         card = tab.locator(".card")
         by_hand(tab)
         assert "clock waits for your first press" in tab.locator(".sentence").inner_text()
+        watched.until(DRIVEN.replace("=>", "=> run === drive.hand ||"))
+        listed = tab.locator(".side .actors").inner_text()
+        assert "to beat: " in listed  # no result before the start
+        assert "arrived" not in listed
         tab.evaluate("replay.pace(8)")
         for key in ("ArrowLeft", "ArrowUp"):
             tab.keyboard.down(key)
@@ -359,6 +363,8 @@ def test_a_race_has_a_result_and_its_link_carries_the_run(browser: Browser, file
         told = card.inner_text()
         assert ("Finished in" in told) == tab.evaluate("drive.hand.actor.outcome === 'success'")
         assert all(f"{each}\n" in told for each in ("you", "trained network", "A* planner", "vector histogram"))
+        names = "[...document.querySelectorAll('{}')].map((each) => each.textContent.replace(/ \\(.*/, ''))"
+        assert tab.evaluate(names.format(".order span:first-child")) == tab.evaluate(names.format(".actors .name"))
         same_in_python(tab, "you, by keyboard or pad")
         other = watched.context.new_page()
         other.goto(taken(tab, "Copy a link to race this run"))
@@ -525,6 +531,16 @@ def test_every_click_puts_a_thing_and_every_drag_draws_a_path(browser: Browser, 
             drag(tab, [[0.0, 0.0], [side, 0.5], [2.0 * side, 0.0]])
             watched.until(f"replay.world.kind === 'path' && {DRIVEN}")
             assert (tab.evaluate("replay.world.path.at(-1)[0]") > 0.0) == (side > 0.0)
+        # what stands in its way keeps the line: all that avoid things drive along it
+        line = tab.evaluate("replay.world.path")
+        tab.get_by_role("button", name="Put things in its way").click()
+        drag(tab, [line[len(line) // 2]])
+        watched.until(DRIVEN)
+        assert tab.evaluate("[replay.world.path, replay.world.obstacles.length]") == [line, 1]
+        assert tab.evaluate("drive.runs.map((run) => [run.actor.outcome, run.measures.clearance > 0])") == [
+            ["success", True]
+        ]
+        same_in_python(tab, tab.evaluate("replay.chosen.policy"))
         tab.get_by_role("button", name="Race it").click()  # who goes on ends the tool
         assert tab.evaluate("[drive.editor.tool, replay.hint.hidden]") == [None, True]
         assert watched.errors == []

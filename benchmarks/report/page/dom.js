@@ -78,7 +78,7 @@ function downloaded(blob, name) {
   setTimeout(() => URL.revokeObjectURL(link.href), 1000);
 }
 
-// By the name that Python has: what is shown instead, and what it is in a sentence; the payload of the demo tells them.
+// By the name that Python has: what is shown instead, and what it does in a phrase; the payload of the demo tells them.
 const NAMES = {};
 const OWN = { trained: "", tuned: ", tuned", "hand-tuned": ", tuned by hand", paper: ", paper's values" }; // gains
 
@@ -89,7 +89,7 @@ function called(label) {
   return base in NAMES ? `${NAMES[base][0]}${OWN[gains] ?? ""}` : label;
 }
 
-// What a policy is, in a sentence; "" of one that nobody describes.
+// What a policy does, in a phrase; "" of one that nobody describes.
 const aboutOf = (label) => (NAMES[label.split(" ")[0]] || ["", ""])[1];
 
 const short = (value, digits = 3) => (value === null || Number.isNaN(value) ? "" : Number(value.toPrecision(digits)).toString());

@@ -58,7 +58,7 @@ class Draws {
       drive.clear();
       drive.editor.take(null);
     }
-    this.replay.show(world, robot, [], `${world.walks ? `${ABOUT_BODIES[world.kind]} ` : ""}The networks did not train in this scene. In Python: ${world.family}, no. ${world.seed}.`);
+    this.replay.show(world, robot, [], `${world.walks ? `${ABOUT_BODIES[world.kind]} ` : ""}The networks did not train in this scene.`);
     if (!drive || this.silent) return;
     drive.go(false);
   }

@@ -63,8 +63,10 @@ class Drive {
     this.choice = el("div", { class: "choice" }, who, el("div", { class: "whole" }, this.goButton, this.allButton, this.handButton), this.about);
     this.pad = el("div", { class: "pad", hidden: true, role: "group", "aria-label": "drive by hand" });
     replay.quick.append(this.choice, this.pad, this.result);
-    this.conditionsPart = el("details", { class: "scenes" }, el("summary", {}, "Robot and conditions"),
-      el("div", { class: "pick" }, free ? robotLabel : null, tierLabel, disturbanceLabel, fromLabel));
+    this.named = el("p", { class: "note" });
+    this.conditionsPart = el("details", { class: "scenes" }, el("summary", {}, "Robot, motors and keys"),
+      el("div", { class: "pick" }, free ? robotLabel : null, tierLabel, disturbanceLabel, fromLabel),
+      el("p", { class: "note" }, "Arrows drive and turn; an omni base also moves sideways with A and D and turns with Q and E. Space plays and pauses, F follows the robot, I and O zoom."));
     this.editor = new Editor(this);
     this.gains = new Gains(this);
     this.looks = new Looks(this);
@@ -73,11 +75,11 @@ class Drive {
     this.scenes = 0; // changes of the scene so far
     this.share = new Share(this);
     this.race = new Race(this);
-    this.aboutPart = el("details", { class: "drive" }, el("summary", {}, "Keys, files, and what is absent"),
-      el("p", { class: "note" }, "Arrows drive and turn; an omni base also moves sideways with A and D and turns with Q and E. Space plays and pauses, F follows the robot, I and O zoom. ",
-        "A scenario file can be dropped on the picture, an image of a map (dark is what stands there), or the data sheet of a differential drive. ",
-        "Those that are shown together do not see or hit each other. Without disturbance, runs are those of Python to the last bit; disturbed runs draw the page's own noise."), this.cannot);
-    replay.side.append(this.share.part, this.editor.part, this.conditionsPart, this.gains.part, this.aboutPart);
+    this.developersPart = el("details", { class: "drive" }, el("summary", {}, "For developers"),
+      el("div", { class: "files" }, button("copy Python", () => this.share.python()), this.editor.files), this.named,
+      el("p", { class: "note" }, "A scenario file can be dropped on the picture, an image of a map (dark is what stands there), or the data sheet of a differential drive. ",
+        "Those that are shown together do not see or hit each other. Without disturbance, runs are those of Python to the last bit; disturbed runs draw the page's own noise."), this.gains.part, this.cannot);
+    replay.side.append(this.share.part, this.editor.part, this.conditionsPart, this.developersPart);
     for (const part of replay.side.querySelectorAll("details")) part.addEventListener("toggle", () => { if (part.open && part.matches(":focus-within")) part.scrollIntoView({ block: "nearest" }); });
     replay.listeners.push(() => this.offer());
     this.wire();
@@ -89,6 +91,7 @@ class Drive {
     replay.advance = (due) => this.advance(due);
     replay.busy = () => Boolean(this.drives || this.runs.some((run) => run.pending && !run.actor.hidden));
     replay.driven = (event, down) => this.key(event, down);
+    replay.races = () => this.drives;
     replay.spoils = () => (this.hand ? !this.hand.actor.outcome : !still());
     replay.ends = () => this.race.tellScene();
     replay.waits = (actor) => this.runs.some((run) => run.actor === actor && run.pending);
@@ -131,7 +134,7 @@ class Drive {
     const able = this.able();
     const shown = this.runs.find((run) => run.actor === replay.chosen); // who is looked at is who is chosen
     const before = shown && able.includes(shown.asked.label) ? shown.asked.label : who.value;
-    who.replaceChildren(...able.map((each) => el("option", { value: each }, called(each))));
+    who.replaceChildren(...able.map((each) => el("option", { value: each }, called(each) + (/\((?!trained)/.test(each) || !aboutOf(each) ? "" : `: ${aboutOf(each)}`))));
     who.value = able.includes(before) ? before : this.usual(able);
     const others = replay.told.demo ? (replay.told.demo.unable || {})[replay.world.kind] || [] : [];
     const unable = [...new Set([...replay.actors.filter((actor) => actor.told && !able.includes(actor.policy)).map((actor) => actor.policy), ...others])];
@@ -143,17 +146,23 @@ class Drive {
     if (!this.task) this.cannot.textContent = "Such scenarios are replayed; no policy can drive in them in the page.";
     if (outlined(replay.world)) this.cannot.textContent += " The map is too large for the page: here one drives among the walls of its outline, and runs are near those of Python, not the same to the last bit.";
     for (const each of [this.goButton, this.allButton, this.handButton]) if (each) each.disabled = !this.task;
-    this.about.textContent = aboutOf(who.value);
-    this.gains.offer();
+    this.describe();
     this.race.tellScene();
+  }
+
+  // Who is chosen, in a phrase, and for Python.
+  describe() {
+    const { who: { value }, replay: { world } } = this;
+    this.about.textContent = aboutOf(value);
+    this.named.textContent = `In Python: ${value}${world.seed === undefined ? "" : ` in ${world.family}, no. ${world.seed}`}.`;
+    this.gains.offer();
   }
 
   // The policy of the list is the one whose gains are shown, and whose run is looked at where it drives.
   chosenPolicy() {
     const run = this.runs.find((each) => each.asked.label === this.who.value && !each.reference);
     if (run) this.replay.choose(run.actor);
-    this.about.textContent = aboutOf(this.who.value);
-    this.gains.offer();
+    this.describe();
   }
 
   // A robot of one's own, from its data sheet, drives.
@@ -265,6 +274,7 @@ class Drive {
     this.replay.fit();
     this.race.clear();
     this.race.tellScene();
+    this.replay.listActors();
     window.scrollTo({ top: 0, behavior: "instant" }); // picture and pad in one view
     this.wake();
   }
@@ -480,7 +490,7 @@ class Drive {
     actor.outcome = outcome;
     run.pending = false;
     run.measures = this.measured(actor);
-    actor.note = [run.exact, run.measures.error === null ? "" : `${short(1000 * run.measures.error)} mm off (RMS)`, `${run.measures.time.toFixed(2)} s`].filter(Boolean).join(", ");
+    actor.note = [run.exact, `${run.measures.time.toFixed(2)} s`, run.measures.error === null || outcome !== "success" ? "" : `typically ${short(1000 * run.measures.error)} mm off`].filter(Boolean).join(", ");
     if (run === this.hand) this.race.over(run);
     else this.race.tell();
     if (run === this.hand || this.runs.length === 1) say(`${actor.label}: ${OUTCOMES[outcome]} after ${run.measures.time.toFixed(2)} s.`);

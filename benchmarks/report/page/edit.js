@@ -46,6 +46,14 @@ function spaced(points, spacing) {
   return found;
 }
 
+// A path as a scene that things can stand in: places within a metre of which robots pass, one after the other.
+function lined({ path, closed }) {
+  const line = closed ? [...path, path[0]] : path;
+  const along = ([ax, ay], [bx, by]) => Math.atan2(by - ay, bx - ax);
+  return { kind: "goal", name: "drawn", family: "", tier: "", quantity: null, steps: 2400, path, closed, corridor: 1, start: [...line[0], along(...line)], start_offset: 0, start_turn: 0,
+    goal: [...line[line.length - 1], along(...line.slice(-2))], waypoints: spaced(line, 1).slice(1, -1), waypoint_radius: 1, obstacles: [], patrols: [], position_tolerance: 0.2, heading_tolerance: Math.PI, edited: true };
+}
+
 const shapeOf = {
   disc: ([ax, ay], [bx, by]) => [ax, ay, 1, 0, 0, 0, Math.max(Math.hypot(bx - ax, by - ay), 0.05), 0],
   box: ([ax, ay], [bx, by]) => [0.5 * (ax + bx), 0.5 * (ay + by), 1, 0, Math.max(0.5 * Math.abs(bx - ax), 0.05), Math.max(0.5 * Math.abs(by - ay), 0.05), 0, 0],
@@ -71,8 +79,8 @@ class Editor {
     this.buttons = Object.fromEntries(Object.entries(TOOLS).map(([tool, text]) => [tool, button(text, (event) => this.take(this.tool === tool ? null : tool, !event.detail), { "aria-pressed": "false" })]));
     this.file = el("input", { type: "file", accept: ".json,application/json,image/*,.yaml,.yml", multiple: true, class: "hidden", tabindex: "-1", "aria-label": "scenario, image of a map or robot's data sheet", on: { change: () => this.load([...this.file.files]) } });
     this.part = el("details", {}, el("summary", {}, "Edit the scene"), el("div", { class: "files" }, Object.values(this.buttons)),
-      el("div", { class: "files" }, button("delete", () => this.remove(), { title: "the thing that was moved or put last" }), button("reset scene", () => this.undo()), button("save scenario", () => this.save()),
-        button("open scenario, map or robot", () => this.file.click()), this.file));
+      el("div", { class: "files" }, button("delete", () => this.remove(), { title: "the thing that was moved or put last" }), button("reset scene", () => this.undo())));
+    this.files = [button("save scenario", () => this.save()), button("open scenario, map or robot", () => this.file.click()), this.file];
     this.replay.overlay = (context, pixel) => this.marks(context, pixel);
     this.cross = null; // m, where the keys have led
     this.replay.grab = (event) => {
@@ -96,7 +104,10 @@ class Editor {
 
   // Chooses a tool, or none; `keys` tells how to use it without a mouse, `stays` keeps it until one does something else.
   take(tool, keys = false, stays = false) {
-    if (tool && tool !== "path" && tool !== "move" && this.replay.world.path) { this.say("Nothing stands beside a path; draw it, or move its points."); return; }
+    if (tool && tool !== "path" && tool !== "move" && this.replay.world.kind === "path") {
+      this.open(lined(this.replay.world), "The line, and what is put in its way: robots that avoid things pass within 1 m of each metre of it.");
+      this.drive.go(false);
+    }
     this.tool = tool;
     this.stays = stays;
     this.keys = keys;
@@ -161,8 +172,10 @@ class Editor {
       replay.told_of.textContent = "A scene that you changed; “reset scene”, under “Edit the scene”, brings it back.";
       replay.listActors();
     }
-    apply(replay.world);
-    drive.world = replay.world;
+    const { world } = replay;
+    apply(world);
+    if (world.path && world.kind === "goal") world.waypoints = lined(world).waypoints.filter(([x, y]) => world.obstacles.every((each) => distanceTo(each, x, y) > 0.5)); // those that a robot can stand on
+    drive.world = world;
   }
 
   undo() {
@@ -218,7 +231,7 @@ class Editor {
       if (l === 0 && w === 0) knob("size", r, 0);
       else if (w === 0) { knob("end", l, 0, { sign: 1 }); knob("end", -l, 0, { sign: -1 }); } else { knob("size", l, w); knob("turn", l + 0.25, 0); }
     }
-    (world.path || []).forEach((at, index) => found.push({ kind: "path", index, at, reach: 0.05 }));
+    (world.kind === "path" ? world.path : []).forEach((at, index) => found.push({ kind: "path", index, at, reach: 0.05 }));
     return found;
   }
 

@@ -204,11 +204,8 @@ class Looks {
     this.replay.under = (view, actor, pane) => this.draw(view, actor, this.sides[pane]);
   }
 
-  // Where nothing can be drawn, it says why.
   press() {
-    const able = this.on || this.button.getAttribute("aria-disabled") !== "true";
-    this.drive.result.textContent = able ? "" : this.button.title;
-    if (able) this.turn(!this.on);
+    if (this.on || this.button.getAttribute("aria-disabled") !== "true") this.turn(!this.on);
   }
 
   async turn(on) {
@@ -317,7 +314,9 @@ class Looks {
     const { other } = this.replay;
     const shown = [found, other && this.run(other)].filter(Boolean); // of either pane
     const told = [...new Set(shown.map(({ run, look }) => `${run.actor.label}: ${look.title}`))].join("; ");
-    this.button.setAttribute("aria-disabled", !shown.length); // greyed, and says why when it is pressed
+    const text = shown.length ? "show its thinking" : "thinking: choose a controller"; // grey, and says why
+    if (this.button.textContent !== text) this.button.textContent = text;
+    this.button.setAttribute("aria-disabled", !shown.length);
     this.button.title = told || "Choose a run in the list: the page can draw what most controllers and networks look at, not what you or a friend think.";
     this.legend.hidden = !(this.on && shown.length);
     this.legend.textContent = `What is drawn: ${told}`;

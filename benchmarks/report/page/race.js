@@ -93,7 +93,7 @@ class Race {
     const turn = coarse() ? `hold “ahead”${omni ? ", “go left” or “go right”" : ", turn by “left” and “right”"}` : `hold ↑, turn by ← and →${omni ? "; A and D go sideways" : ""}`;
     const [count, found] = [replay.actors.length, this.best[this.now < 0 ? "" : this.key(this.now)]];
     const prize = `${count > 1 ? `Gold for the first of ${count}. ` : ""}${found ? `Your best: ${found.time.toFixed(2)} s. ` : ""}`;
-    return `${ASKED[replay.world.kind] || "Drive to the star"}: ${turn}. ${run.tape.length ? count > 1 ? "You pass through the other racers." : "" : `${prize}The clock waits for your first press.`}`;
+    return `${ASKED[replay.world.path ? "path" : replay.world.kind] || "Drive to the star"}: ${turn}. ${run.tape.length ? count > 1 ? "You pass through the other racers." : "" : `${prize}The clock waits for your first press.`}`;
   }
 
   // Whether nobody else is on the way.
@@ -120,13 +120,14 @@ class Race {
   // Along a path that was drawn: who kept to it best, once all have driven it.
   closest() {
     const { replay, drive: { runs } } = this;
-    if (replay.world.name !== "drawn" || runs.length < 2 || !runs.every(({ actor }) => replay.tells(actor))) return "";
+    if (replay.world.kind !== "path" || replay.world.name !== "drawn" || runs.length < 2 || !runs.every(({ actor }) => replay.tells(actor))) return "";
     const there = runs.filter(({ actor }) => actor.outcome === "success").sort((a, b) => a.measures.error - b.measures.error);
     if (there.length && this.crowned !== replay.world) { // the best one is looked at
       this.crowned = replay.world;
       replay.choose(there[0].actor);
     }
-    return there.length ? `Closest to your line: ${there[0].actor.label}, typically ${short(1000 * there[0].measures.error, 2)} mm off. ${there.length} of ${runs.length} arrived.` : "None got to the end of your line.";
+    const [first] = replay.ranked(there.map(({ actor }) => actor));
+    return there.length ? `First: ${first.label}, ${replay.result(first)}. Closest to your line: ${there[0].actor.label}, typically ${short(1000 * there[0].measures.error, 2)} mm off. ${there.length} of ${runs.length} arrived.` : "None got to the end of your line.";
   }
 
   get best() {
@@ -196,12 +197,9 @@ class Race {
       replay.takeOut(hand.actor);
       replay.fit();
     }
-    const along = replay.world.path;
-    if (along || !replay.world.goal) this.place(this.challenges[0]);
     replay.split(null);
     if (!drive.runs.length) drive.go();
     drive.editor.take("disc", keys, true);
-    if (along) drive.editor.tell("Nothing stands beside a path, so this is the open field. Click or tap where a disc is to stand.");
   }
 
   // Who drives beside the hand: a trained network, and controllers.
@@ -264,27 +262,26 @@ class Race {
     const { run, drive, replay } = this;
     if (!run) return;
     const steps = ({ x }) => x.length - 1;
-    const seconds = (count) => `${(count * DT).toFixed(2)}\u00a0s`;
     const friend = replay.actors.find(({ policy }) => policy === GHOST);
     const field = replay.actors.filter((actor) => !actor.ghost && actor !== friend);
     const rivals = field.filter(({ policy }) => policy !== KEYBOARD);
     const arrived = (actor) => actor.outcome === "success";
-    const times = rivals.filter(arrived).map(steps).sort((a, b) => a - b);
+    const there = replay.ranked(rivals.filter(arrived));
     const settled = rivals.every((actor) => actor.outcome || steps(actor) > steps(run.actor));
-    const place = arrived(run.actor) && settled ? times.filter((each) => each < steps(run.actor)).length : -1; // a tie is the hand's
+    const place = arrived(run.actor) && settled ? there.filter((each) => replay.rank(each) < replay.rank(run.actor)).length : -1;
     const medal = rivals.length && place >= 0 ? MEDALS[place] || "" : "";
     if (place >= 0) this.keep(steps(run.actor) * DT, medal);
     // the better medals
     const wanted = rivals.every(({ outcome }) => outcome) ? Array.from({ length: Math.min(place < 0 ? 3 : place, 3, rivals.length) }, (_, k) => k) : [];
-    const better = wanted.map((k) => `${MEDALS[k]}: ${times[k] ? seconds(times[k]) : "any finish"}`);
-    const order = [...field].sort((a, b) => arrived(b) - arrived(a) || Boolean(a.outcome) - Boolean(b.outcome) || steps(a) - steps(b) || (b === run.actor) - (a === run.actor));
+    const better = wanted.map((k) => `${MEDALS[k]}: ${there[k] ? replay.result(there[k]) : "any finish"}`);
+    const order = replay.ranked(field);
     const shown = order.length > 6 ? order.filter((actor, k) => k < 4 || actor === run.actor) : order;
-    const rows = shown.map((actor) => el("li", { class: actor === run.actor ? "mine" : "" }, el("span", {}, actor === run.actor ? "you" : actor.label.replace(/ \(.*\)/, "")), el("span", {}, arrived(actor) ? seconds(steps(actor)) : (OUTCOMES[actor.outcome] || "still driving").replace("ran ", ""))));
+    const rows = shown.map((actor) => el("li", { class: actor === run.actor ? "mine" : "" }, el("span", {}, actor === run.actor ? "you" : actor.label.replace(/ \(.*\)/, "")), el("span", {}, arrived(actor) ? replay.result(actor) : (OUTCOMES[actor.outcome] || "still driving").replace("ran ", ""))));
     const next = this.nth + 1 < this.challenges.length;
     const forward = next && this.nth >= 0 && medal === "gold" ? "go" : null;
     this.say(this.ended(run, ENDED[run.actor.outcome]),
       ...(place < 0 || !rivals.length ? [] : [el("p", { class: medal ? `medal ${medal}` : "" }, `${medal ? medal[0].toUpperCase() + medal.slice(1) : "No"} medal`),
-        el("p", {}, `${["1st", "2nd", "3rd"][place] || `${place + 1}th`} of ${rivals.length + 1}${times.includes(steps(run.actor)) ? ", a tie" : ""}`)]),
+        el("p", {}, `${["1st", "2nd", "3rd"][place] || `${place + 1}th`} of ${rivals.length + 1}${there.some((each) => steps(each) === steps(run.actor)) ? ", a tie" : ""}`)]),
       rivals.length ? el("ol", { class: "order" }, rows, shown.length < order.length ? el("li", {}, el("span", {}, `and ${order.length - shown.length} others`), el("span")) : null) : null, friend ? el("p", { class: "needed" }, this.beside(run.actor, friend)) : null, better.length ? el("p", { class: "needed" }, `Needed for ${better.join(", ")}.`) : null,
       el("div", { class: "files" }, button(coarse() ? "Try again" : "Try again (R)", () => this.again(), { class: forward ? null : "go" }), next ? button(this.nth < 0 ? `Challenge 1: ${this.challenges[0].name}` : "Next challenge", () => this.open(this.nth + 1), { class: forward }) : null,
         button("Copy a link to race this run", async () => this.tell(await drive.share.link()))), button("×", () => this.close(), { class: "shut", "aria-label": "close" }), told ? el("p", { class: "note" }, told) : null);

@@ -24,7 +24,8 @@ class Replay {
     this.rate = PLAYBACK;
     this.playing = false;
     this.follows = false;
-    this.scans = true;
+    this.scans = false;
+    this.plots = !told.demo;
     this.actors = [];
     this.chosen = null;
     this.world = { kind: "goal" };
@@ -32,6 +33,7 @@ class Replay {
     this.listeners = [];
     this.spoils = () => false; // whether a result would come before its picture
     this.waits = () => false; // whether a run is still to be driven
+    this.races = () => false; // whether a hand drives against the others
     this.build();
     themed.push(() => this.refresh(true));
     new ResizeObserver(() => this.refresh()).observe(this.canvas);
@@ -56,22 +58,24 @@ class Replay {
     this.rates = el("select", { "aria-label": "speed of the replay", title: "speed", on: { change: () => { this.rate = Number(this.rates.value); } } },
       RATES.map((rate) => el("option", { value: rate, selected: rate === PLAYBACK }, `${rate}x`)));
     this.followButton = button("follow robot", () => this.follow(!this.follows), { class: "stepwise", "aria-pressed": "false", title: "the picture goes with the chosen robot" });
-    this.scanButton = button("laser rays", () => this.rays(!this.scans), { "aria-pressed": "true" });
+    this.scanButton = button("laser rays", () => this.rays(!this.scans), { "aria-pressed": "false" });
+    this.chartButton = button("charts", () => this.plot(!this.plots), { "aria-pressed": this.plots, title: "distance, speed and clearance over time" });
     this.splitButton = button("side by side", () => this.split(this.other ? null : this.actors.find((actor) => actor !== this.chosen && !actor.hidden)), { "aria-pressed": "false", class: "kept", title: "two runs side by side" });
     this.clock = el("span", { class: "clock" });
     this.list = el("ul", { class: "actors", "aria-label": "runs" });
+    this.order = el("p", { class: "note" });
     this.picks = el("div", { class: "pick" });
     this.told_of = el("p", { class: "note" });
     this.fitButton = button("whole scene", () => { this.follow(false); this.fit(); }, { hidden: true, title: "the picture was moved or zoomed: back to all of it" });
     this.bar = el("div", { class: "bar" }, this.playButton, button("rewind", () => this.seek(0)),
       this.scrubber, this.clock, this.rates, this.followButton, this.scanButton, this.splitButton,
-      recordButton(this), this.fitButton);
+      recordButton(this), this.chartButton, this.fitButton);
     this.hint = el("p", { class: "hint", hidden: true, role: "status" });
     this.words = el("div", { class: "words" }, this.hint); // beside the picture, never over it
     this.board = el("div", { class: "board" }, this.canvas, this.beside, this.panes);
     this.quick = el("div", { class: "quick" });
     this.scenario = el("details", { open: true, class: "scenes" }, el("summary", {}, "Scene"), this.picks, this.told_of);
-    this.side = el("div", { class: "side" }, this.list, this.scenario);
+    this.side = el("div", { class: "side" }, this.order, this.list, this.scenario);
     this.app = el("div", { class: "app" }, this.board, this.quick, this.bar, this.side, el("div", { class: "traces" }, this.traces.map((trace) => trace.canvas)));
     byId("player").append(this.words, this.app);
     this.place = () => this.app.style.setProperty("--top", `${Math.round(this.app.getBoundingClientRect().top + window.scrollY)}px`);
@@ -174,13 +178,19 @@ class Replay {
     this.refresh();
   }
 
+  plot(on) {
+    this.plots = on;
+    this.chartButton.setAttribute("aria-pressed", on);
+    this.refresh(true);
+    if (on) this.traces[0].canvas.scrollIntoView({ block: "nearest" });
+  }
+
   show(world, robot, actors, about) {
-    if (world.kind !== this.world.kind) this.rays(world.kind !== "team");
     this.world = world;
     this.robot = robot;
     this.actors = actors;
     this.chosen = actors[0] || null;
-    this.told_of.textContent = about;
+    this.told_of.textContent = about + (world.kind === "path" ? " How far a run is typically off its path is the root mean square (RMS) of the distance." : "");
     this.split(null);
     this.stretch();
     this.fit();
@@ -251,17 +261,37 @@ class Replay {
     return Boolean(actor.told) || actor.seen === actor.version || !this.spoils();
   }
 
-  // By the result that the list shows, the better the lower: arrived and when, along a path by its error, under way, failed.
-  standing(actor) {
+  // What runs are compared by, here, on a card and for medals: recorded ones along a path by their error as in the tables, all else by time.
+  get byError() {
+    return this.world.kind === "path" && this.actors.some((actor) => actor.told);
+  }
+
+  // That of a run that has arrived, the better the lower.
+  rank(actor) {
     const last = actor.x.length - 1;
-    if (!this.tells(actor)) return [1, 0];
-    if (actor.outcome !== "success") return [2, -last];
-    return [0, this.world.kind === "path" && actor.error ? rmsOf(actor, last) : last - (actor.policy === KEYBOARD ? 0.5 : 0)]; // a tie is the hand's
+    return this.byError && actor.error ? rmsOf(actor, last) : last - (actor.policy === KEYBOARD ? 0.5 : 0); // a tie is the hand's
+  }
+
+  // And in words.
+  result(actor) {
+    const last = actor.x.length - 1;
+    return this.byError && actor.error ? `${short(1000 * rmsOf(actor, last))}\u00a0mm off` : `${(last * DT).toFixed(2)}\u00a0s`;
+  }
+
+  // Arrived, under way, failed: the better first.
+  ranked(actors) {
+    const of = new Map(actors.map((actor) => [actor, !this.tells(actor) ? [1, this.target(actor) ? this.rank(actor) : 1e9] : actor.outcome === "success" ? [0, this.rank(actor)] : [2, -actor.x.length]]));
+    return [...actors].sort((a, b) => of.get(a)[0] - of.get(b)[0] || of.get(a)[1] - of.get(b)[1]);
+  }
+
+  // What a hand has to beat, where it is known.
+  target(actor) {
+    return this.races() && actor.outcome === "success" ? `to beat: ${this.result(actor)}` : "";
   }
 
   listActors() {
-    const of = new Map(this.actors.map((actor) => [actor, this.standing(actor)]));
-    const order = [...this.actors].sort((a, b) => of.get(a)[0] - of.get(b)[0] || of.get(a)[1] - of.get(b)[1]);
+    const order = this.ranked(this.actors);
+    this.order.textContent = order.length < 2 ? "" : this.byError ? "The smallest error comes first." : "The fastest comes first.";
     this.offerPanes();
     const held = this.list.contains(document.activeElement) ? document.activeElement.getAttribute("aria-label") : null;
     this.list.replaceChildren(...order.map((actor) => {
@@ -269,7 +299,7 @@ class Replay {
         on: { change: () => { actor.hidden = !shown.checked; this.refresh(true); } } });
       const ended = this.tells(actor);
       const bad = ended && actor.outcome !== "success";
-      const note = [ended ? OUTCOMES[actor.outcome] : this.step && this.step >= actor.x.length - 1 && this.waits(actor) ? "being computed" : (!actor.outcome && actor.note) || "driving", ended ? actor.note : "", actor.ghost ? "recorded in the scene as it was" : ""].filter(Boolean).join(", ");
+      const note = [ended ? OUTCOMES[actor.outcome] : this.step && this.step >= actor.x.length - 1 && this.waits(actor) ? "being computed" : this.target(actor) || (!actor.outcome && actor.note) || (this.playing || this.step ? "driving" : "at the start"), ended ? actor.note : "", actor.ghost ? "recorded in the scene as it was" : ""].filter(Boolean).join(", ");
       return el("li", { "data-chosen": actor === this.chosen ? "yes" : "no" }, shown, swatch(actor.policy),
         button(actor.label, () => this.choose(actor), { class: "name", "aria-label": actor.label, "aria-pressed": actor === this.chosen, title: aboutOf(actor.policy) }),
         button("×", () => this.takeOut(actor), { class: "drop-out", "aria-label": `take out ${actor.label}`, title: "take this run out" }),
@@ -301,6 +331,7 @@ class Replay {
     this.playing = on;
     this.playButton.textContent = on ? "pause" : "play";
     if (!on) return;
+    this.listActors();
     if (this.step >= this.last && !(this.busy && this.busy())) this.seek(0);
     let before = null;
     let due = this.step;
@@ -345,7 +376,7 @@ class Replay {
     }
     if (this.under) this.under(view, chosen, pane);
     if (chosen && chosen.others && world.bodies) drawBodies(context, world, chosen, step, hull, pixel);
-    for (const actor of actors) if (actor !== chosen) drawActor(context, actor, step, hull, pixel, false);
+    actors.filter((actor) => actor !== chosen).forEach((actor, k) => drawActor(context, actor, step, hull, pixel, false, LANES[k % LANES.length]));
     if (chosen) drawActor(context, chosen, step, hull, pixel, true);
     if (!this.blank) drawStars(context, world, pixel);
     if (!this.other && actors.length > 1) drawNames(context, view, [...new Set([chosen, ...actors])].filter(Boolean), step, hull, pixel);
@@ -380,8 +411,8 @@ class Replay {
     if (this.overlay) this.overlay(context, 1 / view.pixels);
     // that of a rectangle is not what is drawn: it turns
     const clear = (world.bodies || world.walls || (world.obstacles && world.obstacles.length)) && !BOXES[this.robot];
-    const able = this.traces.filter((trace) => trace.name !== "clearance" || clear);
-    for (const trace of this.traces) trace.canvas.hidden = !able.includes(trace) || !shown.length;
-    for (const trace of able) if (shown.length) trace.draw(shown, world, step, this.last, chosen && !chosen.hidden ? chosen : null, changed);
+    const able = this.traces.filter((trace) => this.plots && shown.length && (trace.name !== "clearance" || clear));
+    for (const trace of this.traces) trace.canvas.hidden = !able.includes(trace);
+    for (const trace of able) trace.draw(shown, world, step, this.last, chosen && !chosen.hidden ? chosen : null, changed);
   }
 }

@@ -132,7 +132,7 @@ function drawWorld(context, world, time, pixel) {
     context.stroke();
     context.setLineDash([]);
   }
-  (world.waypoints || []).forEach(([x, y]) => ring(context, x, y, world.waypoint_radius, pixel));
+  if (!world.path) (world.waypoints || []).forEach(([x, y]) => ring(context, x, y, world.waypoint_radius, pixel));
   if (world.goal) {
     const [x, y, heading] = world.goal;
     ring(context, x, y, Math.max(world.position_tolerance, 4 * pixel), pixel);
@@ -189,7 +189,9 @@ function flag(context, x, y, size) {
   context.fill();
 }
 
-function drawActor(context, actor, k, hull, pixel, chosen) {
+const LANES = [1, -1, 2, -2, 3, -3].map((each) => 2.2 * each); // px to the left of its way, so that equal ones do not hide each other
+
+function drawActor(context, actor, k, hull, pixel, chosen, lane = 0) {
   const last = Math.min(k, actor.x.length - 1);
   const colour = ink(colourName(actor.policy));
   const alpha = actor.ghost || (k > last && !actor.outcome) ? 0.35 : 1; // what is not yet driven so far is a ghost too
@@ -198,7 +200,7 @@ function drawActor(context, actor, k, hull, pixel, chosen) {
   context.lineWidth = (chosen ? 3 : 2) * pixel;
   context.setLineDash(dashOf(actor.policy).split(" ").filter(Boolean).map((each) => each * pixel));
   context.beginPath();
-  for (let i = 0; i <= last; i++) context.lineTo(actor.x[i], actor.y[i]);
+  for (let i = 0; i <= last; i++) context.lineTo(actor.x[i] - lane * pixel * Math.sin(actor.heading[i]), actor.y[i] + lane * pixel * Math.cos(actor.heading[i]));
   context.stroke();
   context.setLineDash([]);
   const [x, y, heading] = [actor.x[last], actor.y[last], actor.heading[last]];
@@ -228,9 +230,7 @@ function drawActor(context, actor, k, hull, pixel, chosen) {
   context.globalAlpha = 1;
 }
 
-const MANY = 6; // robots, whose names would be a pile
-
-// Who is who, above the robots or below, one above the other where few stand close; of many those on one spot share a name.
+// Who is who, above the robots or below, one above the other where some stand close; those on one spot are counted.
 function drawNames(context, view, actors, k, hull, pixel) {
   const placed = [];
   const [middle, height] = [view.centre[0] * view.pixels, -view.centre[1] * view.pixels];
@@ -243,17 +243,17 @@ function drawNames(context, view, actors, k, hull, pixel) {
   for (const { x, y, label, policy, outcome } of actors) {
     const last = Math.min(k, x.length - 1);
     if (k > last && !outcome) continue; // it waits
-    const same = actors.length > MANY && spots.find((spot) => Math.hypot(spot.x - x[last], spot.y - y[last]) < 0.7 * hull);
+    const same = spots.find((spot) => Math.hypot(spot.x - x[last], spot.y - y[last]) < hull);
     if (same) same.more += 1;
     else spots.push({ x: x[last], y: y[last], name: label.replace(/ \(.*\)/, ""), policy, more: 0 });
   }
   for (const { x, y, policy, more, ...spot } of spots) {
-    const name = more ? `${spot.name} and ${more} more` : spot.name;
+    const name = !more ? spot.name : policy === KEYBOARD ? `you and ${more} more` : `${more + 1} robots`;
     const half = context.measureText(name).width / 2 + 4;
     const room = Math.max(view.width / 2 - half, 0);
     const at = Math.min(Math.max(x / pixel, middle - room), middle + room);
     const [above, below] = [(-y - hull) / pixel - 6, (-y + hull) / pixel + 16];
-    const free = (actors.length > MANY ? [0, -1] : [0, 1, 2, 3, 4, 5, -1, -2, -3, -4]).map((row) => (row < 0 ? below - 16 * (row + 1) : above - 16 * row))
+    const free = [0, 1, 2, -1, -2].map((row) => (row < 0 ? below - 16 * (row + 1) : above - 16 * row))
       .find((foot) => Math.abs(foot - 5 - height) < view.height / 2 - 8 && placed.every(([px, py, ph]) => Math.abs(px - at) > ph + half || Math.abs(py - foot) >= 16));
     if (free === undefined) continue;
     placed.push([at, free, half]);

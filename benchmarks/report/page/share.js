@@ -16,7 +16,7 @@ class Share {
       this.told.textContent = "";
       this.paste(this.field.value, (text) => { this.told.textContent = text; });
     } } });
-    this.part = el("details", { open: true }, el("summary", {}, "Share"), el("div", { class: "files" }, button("copy link", async () => { this.told.textContent = await this.link(); }), button("copy Python", () => this.python()), this.field), this.told);
+    this.part = el("details", { open: true }, el("summary", {}, "Share"), el("div", { class: "files" }, button("copy link", async () => { this.told.textContent = await this.link(); }), this.field), this.told);
     // a link that is pasted into the page, or into its address, is opened
     document.addEventListener("paste", (event) => {
       if (!/INPUT|SELECT/.test(event.target.tagName)) this.paste(event.clipboardData.getData("text"));
@@ -170,6 +170,7 @@ class Share {
     const { drive, replay } = this;
     document.body.dataset.embed = kind;
     drive.gains.part.open = kind === "law";
+    replay.side.append(drive.gains.part);
     const whole = el("a", { href: "#", target: "_blank", class: "whole-page", on: { click: () => {
       whole.href = `${location.href.split("#")[0]}#${encodeURIComponent(JSON.stringify(this.state()))}`;
     } } }, "whole simulator ↗");
