@@ -118,7 +118,7 @@ HELP = f"""Compares policies on the same scenarios, starts and disturbances: pri
 
 \b
 Suites:
-  overview                  all four tasks, and the three reference papers
+  overview                  four tasks of one robot, the three reference papers
 {_LINES}
   disturbances              all these tasks, under growing disturbances
   teams, people, crowdnav   several robots; one robot among people

@@ -471,9 +471,9 @@ _HELP = "\n".join(
     [
         "Usage: wayfield ros COMMAND [OPTIONS] [--ros-args ...]",
         "",
-        "  sim      a robot in one of our worlds as a ROS 2 node",
-        "  drive    a policy that drives a robot",
-        "  excite   drives what a base can be identified from",
+        "  sim      a simulated robot, to test your nodes",
+        "  drive    a policy as a node that drives your robot",
+        "  excite   a test run, from whose log `wayfield identify` estimates your base",
         "",
         "  wayfield ros COMMAND --help   its options",
     ]
