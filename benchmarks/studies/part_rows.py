@@ -42,25 +42,18 @@ def write(file: Path, fields: Sequence[str], rows: Iterable[Mapping[str, Any]]) 
     write_whole(file, lzma.compress(content) if file.suffix == ".xz" else content)
 
 
-def drive_missing(
-    file: Path, fields: Sequence[str], parts: Iterable[Part], most: int | None = None,
-    order: Callable[[Row], Any] | None = None,
-) -> list[dict[str, str]]:  # fmt: skip
+def drive_missing(file: Path, fields: Sequence[str], parts: Iterable[Part]) -> list[dict[str, str]]:
     """Drives the parts that a file lacks, writes it after each, and returns its rows.
 
     Args:
         fields: of the file; "world" is the number of a row in its part.
-        most: how many parts are driven; None: all.
-        order: what rows are sorted by; None: as they come.
     """
     rows = read(file)
     lacking = [part for part in parts if not any(part[0].items() <= row.items() for row in rows)]
-    for known, drives in lacking[:most]:
+    for known, drives in lacking:
         for world, cells in enumerate(drives()):
             given = iter(map(str, cells))
             rows.append({name: known.get(name) or (str(world) if name == "world" else next(given)) for name in fields})
-        if order is not None:
-            rows.sort(key=order)
         write(file, fields, rows)
         click.echo(", ".join(known.values()), err=True)
     return rows
