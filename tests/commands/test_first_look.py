@@ -5,26 +5,19 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+from click.testing import CliRunner
+
+from wayfield.benchmarks.commands.evaluate import main
 from wayfield.benchmarks.records.results import read_rows
-
-EVALUATE = [sys.executable, "-m", "wayfield.command", "evaluate"]
-
-
-def started(folder: Path, *words: object) -> subprocess.Popen[str]:
-    """Returns a run of the command in a folder, in a terminal of 80 columns."""
-    return subprocess.Popen(
-        [*EVALUATE, "--workers", "1", *map(str, words)],
-        cwd=folder,
-        env=os.environ | {"COLUMNS": "80"},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
 
 
 def test_a_first_look_is_thirty_lines_of_three_policies_a_task(tmp_path: Path) -> None:
-    out, err = (run := started(tmp_path, "--quick")).communicate(timeout=300)
-    assert run.returncode == 0, err
+    words = [sys.executable, "-m", "wayfield.command", "evaluate", "--workers", "1", "--quick"]
+    narrow = os.environ | {"COLUMNS": "80"}  # a terminal of 80 columns
+    run = subprocess.run(words, cwd=tmp_path, env=narrow, capture_output=True, text=True, timeout=300, check=False)
+    assert run.returncode == 0, run.stderr
+    out = run.stdout
     lines = out.splitlines()
     assert len(lines) <= 30
     assert max(map(len, lines)) <= 80
@@ -43,10 +36,11 @@ def test_a_first_look_is_thirty_lines_of_three_policies_a_task(tmp_path: Path) -
         "docking": 3,
     }
     assert len(list(folder.glob("*.png"))) == 1
-    assert "Traceback" not in err
+    assert "Traceback" not in run.stderr
 
 
-def test_a_first_look_takes_no_options_that_change_it(tmp_path: Path) -> None:
-    out, err = (run := started(tmp_path, "--quick", "--suite", "docking")).communicate(timeout=60)
-    assert (run.returncode, out, len(err.splitlines())) == (2, "", 1)
+def test_a_first_look_takes_no_options_that_change_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    run = CliRunner().invoke(main, ["--quick", "--suite", "docking"])
+    assert (run.exit_code, run.stdout, len(run.stderr.splitlines())) == (2, "", 1)
     assert not list(tmp_path.iterdir())

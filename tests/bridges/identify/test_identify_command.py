@@ -129,14 +129,14 @@ def bad() -> Iterator[tuple[str, str, str]]:
     yield "columns", table(drive).replace("t,v_cmd", "time,v_cmd", 1), "columns are"
 
 
-@pytest.mark.parametrize(("name", "text", "told"), list(bad()), ids=[each[0] for each in bad()])
-def test_a_table_that_cannot_say_is_refused_in_a_line(name: str, text: str, told: str, tmp_path: Path) -> None:
+def test_a_table_that_cannot_say_is_refused_in_a_line(tmp_path: Path) -> None:
     file = tmp_path / "drive.csv"
-    file.write_text(text)
-    with pytest.raises(ValueError, match=r"\S") as error:
-        check(read_log([file]))
-    assert told in str(error.value)
-    assert "\n" not in str(error.value)
+    for name, text, told in bad():
+        file.write_text(text)
+        with pytest.raises(ValueError, match=r"\S") as error:
+            check(read_log([file]))
+        assert told in str(error.value), name
+        assert "\n" not in str(error.value), name
 
 
 def test_what_topic_echo_writes_is_read_as_the_table_of_its_numbers(tmp_path: Path) -> None:
