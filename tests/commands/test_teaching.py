@@ -14,7 +14,7 @@ def check(monkeypatch: pytest.MonkeyPatch, *words: object) -> int:
     return runpy.run_path(str(LABS / "check.py"))["main"]()
 
 
-@pytest.mark.parametrize("lab", ["1 lab1.py", "2 lab2.json", "3 lab3.json"])
+@pytest.mark.parametrize("lab", ["1 lab1.py", pytest.param("2 lab2.json", marks=pytest.mark.slow), "3 lab3.json"])
 def test_the_model_answer_passes_and_the_starter_fails(
     lab: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

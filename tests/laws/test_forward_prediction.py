@@ -46,8 +46,8 @@ def poses_of(robot: Robot, name: str, steps: int) -> NDArray[np.float64]:
 
 @pytest.mark.parametrize("name", ALONG_PATHS + TO_DOCKS)
 def test_a_late_base_drives_as_a_prompt_one_only_later(name: str) -> None:
-    late = poses_of(LATE, name, 160)
-    prompt = poses_of(PROMPT, name, 160 - PERIODS)
+    late = poses_of(LATE, name, 100)
+    prompt = poses_of(PROMPT, name, 100 - PERIODS)
     np.testing.assert_allclose(late[PERIODS:], prompt, atol=2e-3)
     assert np.abs(prompt[-1, :, :2] - prompt[0, :, :2]).max() > 0.5
 

@@ -151,7 +151,7 @@ def test_the_way_that_is_late_brings_the_mean_to_the_asked_speed(slower: float) 
 
 @pytest.mark.parametrize(
     ("env_id", "tier", "beams"),
-    [(DOCK_ID, "ideal", 32), (DOCK_ID, "lagged", 72), (DOCK_ID, "slow", 72), (OMNI_DOCK_ID, "ideal", 32)],
+    [(DOCK_ID, "ideal", 32), (DOCK_ID, "slow", 72), (OMNI_DOCK_ID, "ideal", 32)],
 )
 def test_agents_dock_where_a_user_meets_them_first(env_id: str, tier: str, beams: int) -> None:
     """By the defaults of `make` and on the other bases they come to rest, and seldom touch."""

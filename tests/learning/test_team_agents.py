@@ -89,15 +89,15 @@ def test_a_network_that_has_learned_nothing_drives_as_its_law_does(name: str) ->
 def test_further_scenarios_are_proven_and_in_no_split() -> None:
     """So that none is among those that agents are chosen by or tested with; all fit the hull that is asked for."""
     names = {each.name for part in SPLITS for each in split("people", "walking_groups", part)}
-    drawn = further("people", "walking_groups", 0.2, 6)
+    drawn = further("people", "walking_groups", 0.2, 3)
     assert not names & {each.name for each in drawn}
-    assert len({each.name for each in drawn}) == 6
+    assert len({each.name for each in drawn}) == 3
     assert all(EVERY["people"].feasible(each) for each in drawn)
     people = PRESETS["people"]
     two = tuple((0.5, kwargs) for _, kwargs in (people.worlds.shares[0], people.worlds.shares[-1]))
-    preset = people.changed(further=5, num_envs=48, shares=two, shortest_ways=False)
+    preset = people.changed(further=2, num_envs=48, shares=two, shortest_ways=False)
     met = {len(part.task.scenarios) for part in make_worlds(preset, preset.worlds.env_ids[0]).worlds.parts}
-    assert met == {SPLITS["train"] + 5, len(split("people", "all", "train"))}  # of one family, and of all
+    assert met == {SPLITS["train"] + 2, len(split("people", "all", "train"))}  # of one family, and of all
     with pytest.raises(ValueError, match=r"^further must be 0 where no world is of one family alone, got 5$"):
         PRESETS["path_following"].changed(further=5)
 

@@ -142,7 +142,9 @@ SCANNING = GUIDED.changed(features=SEEKING.features, controller="vfh_plus", guar
 @pytest.mark.parametrize(
     ("env_id", "preset"),
     [
-        *((PATH, SMALL), (PATH, TAUGHT), (PATH, REPLAYING), (OMNI, SEEKING)),
+        (PATH, SMALL),
+        pytest.param(PATH, TAUGHT, marks=pytest.mark.slow),  # one that has lessons is stopped, below
+        *((PATH, REPLAYING), (OMNI, SEEKING)),
         pytest.param("wayfield/OmniTeam-v0", GUIDED, marks=pytest.mark.slow),
         pytest.param("wayfield/OmniTeam-v0", SCANNING, marks=pytest.mark.slow),
         pytest.param("wayfield/OmniPeople-v0", MEETING, marks=pytest.mark.slow),
@@ -292,7 +294,8 @@ PARKED = SMALL.changed(
 @pytest.mark.parametrize(
     ("env_id", "preset"),
     [
-        *((PATH, SMALL), (PATH, LESSONS), (PATH, ADDING)),
+        pytest.param(PATH, SMALL, marks=pytest.mark.slow),  # it is killed, above
+        *((PATH, LESSONS), (PATH, ADDING)),
         ("wayfield/DiffDriveDocking-v0", PARKED),
     ],
     ids=["plain", "lessons", "adding to one that is late", "taught by a planner"],
