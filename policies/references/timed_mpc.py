@@ -44,7 +44,7 @@ class TimedMpc(TimedPlanner):
         observed = observation.pose, observation.twist, observation.command
         laws, both = np.zeros((self.horizon, len(axes), 4 + 2 * len(axes))), program.plans
         for i in range(len(memory)):
-            period = arrange(read, *briefing.reference, observed, i, memory, *both, laws, program.arrays)
+            period = arrange(read, *briefing.reference, observed, i, memory, *both, program.arrays)
             steps = program.solve()
             memory["qp_failures"][i] += steps is None
             laws[:, :, -1] = 0.0 if steps is None else steps
@@ -103,7 +103,7 @@ quadratic_program = one_a_thread(QuadraticProgram)
 
 @any_layout
 @allocating
-def arrange(params, samples, times, index, observed, i, memory, plan, other, laws, program):
+def arrange(params, samples, times, index, observed, i, memory, plan, other, program):
     """Drives robot i's last plan into `other`, fills the program around it; returns the period of the reference."""
     p = params[0]
     run = times[index[i]]
@@ -111,8 +111,7 @@ def arrange(params, samples, times, index, observed, i, memory, plan, other, law
     m = 3 + 2 * t
     period = begin(p, samples, run, observed, i, memory, plan)
     other.states[0] = plan.states[0]
-    laws[:] = 0.0
-    drive(p, samples, run, period, plan, laws, other)
+    drive(p, samples, run, period, plan, np.zeros((n, t, 4 + 2 * t)), other)
     fill_slopes(p.plant, other)
     by, moved = np.zeros((m, n * t)), np.zeros((m, n * t))
     program.hessian[:] = 0.0
