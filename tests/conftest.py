@@ -19,7 +19,7 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 # The first example of a property may compile the kernel that it tests; no example is judged by the clock. Every plain
 # run draws the same examples and keeps none; `pytest --hypothesis-profile=thorough` draws many others each time. A
 # costly law draws a share of `settings().max_examples`.
-settings.register_profile("fixed", deadline=None, derandomize=True, database=None, max_examples=100)
+settings.register_profile("fixed", deadline=None, derandomize=True, database=None, max_examples=60)
 settings.register_profile("thorough", deadline=None, max_examples=1000, print_blob=True)
 settings.load_profile("fixed")
 

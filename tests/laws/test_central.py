@@ -20,9 +20,9 @@ from wayfield.policies.teams.central import KNOTS
     ("env_id", "family"),
     [
         ("wayfield/OmniTeam-v0", "doorway_4"),
-        ("wayfield/OmniTeam-v0", "rooms_4"),
+        pytest.param("wayfield/OmniTeam-v0", "rooms_4", marks=pytest.mark.slow),
         ("wayfield/OmniTeam-v0", "bottleneck_8"),
-        ("wayfield/DiffDriveTeam-v0", "doorway_2"),
+        pytest.param("wayfield/DiffDriveTeam-v0", "doorway_2", marks=pytest.mark.slow),
         ("wayfield/DiffDriveTeam-v0", "circle_exact_8"),
         ("wayfield/DiffDriveTeam-v0", "corridor_8"),
     ],

@@ -109,8 +109,8 @@ def test_a_pilot_drives_one_and_many_alike_and_by_a_briefing_in_place_of_the_env
 ) -> None:
     options: dict[str, Any] = {"action_mode": action_mode, "dynamics": dynamics, "actuators": "lagged"}
     options |= senses(name, env_id)
-    many: Any = gymnasium.make_vec(env_id, 3, **options)
-    singles = [gymnasium.make(env_id, **options) for _ in range(3)]
+    many: Any = gymnasium.make_vec(env_id, 2, **options)
+    singles = [gymnasium.make(env_id, **options) for _ in range(2)]
     seen, _ = many.reset(seed=8)
     each = [env.reset(seed=8 + i)[0] for i, env in enumerate(singles)]
     policy = policies.make(name)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode
 from numpy.typing import NDArray
+from oracles.bits import differences
 
 import wayfield  # noqa: F401  registers the environments
 from wayfield.envs.tasks.specs import TASKS
@@ -86,26 +87,6 @@ def actions_for(env: Any, steps: int, num_envs: int, seed: int = 0) -> NDArray[n
     held = np.random.default_rng(seed).uniform(-1.2, 1.2, (steps // 9 + 1, num_envs, len(most))) * most
     held[..., 0] = np.abs(held[..., 0])
     return np.repeat(held, 9, axis=0)[:steps].astype(np.float32)
-
-
-def differences(a: Any, b: Any, place: str = "") -> list[str]:
-    """Returns where two nested results differ, in type, shape, dtype or any bit."""
-    if isinstance(a, dict):
-        if not isinstance(b, dict) or a.keys() != b.keys():
-            return [f"{place}: {sorted(a)} and {sorted(b)}"]
-        return [each for key in a for each in differences(a[key], b[key], f"{place}[{key!r}]")]
-    if isinstance(a, tuple):
-        if not isinstance(b, tuple) or len(a) != len(b):
-            return [f"{place}: {a!r} and {b!r}"]
-        return [each for i in range(len(a)) for each in differences(a[i], b[i], f"{place}[{i}]")]
-    if isinstance(a, np.ndarray) and a.dtype == object:
-        if not isinstance(b, np.ndarray) or b.dtype != object or a.shape != b.shape:
-            return [f"{place}: {a!r} and {b!r}"]
-        return [each for i in range(len(a)) for each in differences(a[i], b[i], f"{place}[{i}]")]
-    if isinstance(a, np.ndarray):
-        equal = type(a) is type(b) and a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes()
-        return [] if equal else [f"{place}: {a!r} and {b!r}"]
-    return [] if type(a) is type(b) and a == b else [f"{place}: {a!r} and {b!r}"]
 
 
 def kept(env: Any) -> dict[str, Any]:
