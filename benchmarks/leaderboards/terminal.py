@@ -31,7 +31,7 @@ def print_short(
             rows = table.rows[:lines]
             say(_small(table.header, rows, width))
             if any(OFF_PACE in cell for row in rows for cell in row):
-                print(f"{OFF_PACE}: mean speed over 3 % off the target; the slower a robot, the lower its error")
+                print(f"{OFF_PACE}: mean speed more than 3 % off the target")
             if len(rows) < len(table.rows):
                 print(f"{len(table.rows) - len(rows)} more in table.md")
         print()

@@ -58,7 +58,7 @@ class Match:
     shares: tuple[float, float] | None = None  # of success (%), where these decide and errors are drawn
     faster: str = ""  # of two that tie or are equivalent in success: by what the time decides for the better one
     collided: tuple[float, float] | None = None  # shares of scenes (%), where successes are drawn
-    ppo: str = ""  # its success (%), where another agent is the best
+    ppo: str = ""  # what is said of its success, where another agent is the best
 
 
 @dataclasses.dataclass(frozen=True)
@@ -150,7 +150,11 @@ def _match(board: Sequence[Row], lines: Sequence[Row], kind: str, where: str, un
     both = controller, agent
     if unit == "%":
         ppo = next((row for row in learned if row["policy"] == PPO and row is not agent), None)
-        here = dataclasses.replace(here, ppo="" if ppo is None else f"{_numbers(ppo[SUCCESS])[0]:.1f}")
+        if ppo is not None:
+            beside = verdict_of(lines, kind, entry_of(controller), entry_of(ppo))
+            less = beside is not None and beside[0].outcome == BETTER and beside[0].on_success
+            said = f", and PPO {'succeeds less often:' if less else 'reaches'} {_numbers(ppo[SUCCESS])[0]:.1f} %"
+            here = dataclasses.replace(here, ppo=said)
         collided = _numbers(controller["collision (%)"])[0], _numbers(agent["collision (%)"])[0]
         here = dataclasses.replace(here, collided=collided)
         timed = here.outcome in (BETTER, WORSE) and not verdict[0].on_success
@@ -227,7 +231,7 @@ def _rows(store: Store, name: str) -> list[Row]:
 def _seeds(rows: Sequence[Row], agent: str) -> str:
     """Returns how many seeds of an agent drove, of those that ship; "" where all did."""
     drove, all_of_them = flocks.seeds_of(rows, agent), len(list(shipped(flocks.AGENTS[agent], flocks.ROBOT)))
-    return "" if drove == all_of_them else f"{drove} of {all_of_them} seeds"
+    return "" if drove == all_of_them else f"{drove} seeds"
 
 
 def _share(rows: Sequence[Row], name: str, metric: str) -> tuple[float, float, float]:
@@ -250,7 +254,7 @@ def sentences(shown_panels: Sequence[Panel]) -> list[str]:
             # the same outcome of the same two in the next kind of scenes is not spelled again
             clauses.append(
                 f"{'and ' if words == before else ''}{place if words == before else words.format(place)} ({numbers})"
-                + (f", and PPO reaches {match.ppo} %" if match.ppo else "")
+                + match.ppo
             )
             before = words
         title = panel.title.replace(
@@ -292,7 +296,8 @@ def _clause(panel: Panel, match: Match) -> tuple[str, str, str]:
         numbers += ", at {:.2f} vs. {:.2f} m/s".format(*speeds[::turned])
     words = {
         EQUIVALENT: f"{{}} and {{}} are equivalent in {of} {{place}}",
-        **dict.fromkeys((OPEN, AHEAD, BEHIND), "{} and {} tie {place}"),
+        **dict.fromkeys((AHEAD, BEHIND), "{} is ahead of {}, but not significantly, {place}"),
+        OPEN: "{} and {} tie {place}",
     }.get(match.outcome, win)
     place = f"on {match.where}" if "{where}" not in words and panel.unit == "mm" else match.where
     return words.format(*names, where="{}", place="{}"), place, numbers
@@ -326,8 +331,7 @@ def _count(shown_panels: Sequence[Panel]) -> str:
         (
             f"**Controllers win {wins} of {len(outcomes)} kinds of scenes, agents trained with PPO win {losses}.**",
             *which,
-            f"In {ties} kinds, the difference is not significant (a tie); in {alike}, it is shown to be negligible "
-            "(equivalent).",
+            f"In {ties} kinds the difference is not significant; in {alike} it is shown to be negligible (equivalent).",
         )
     )
 

@@ -300,13 +300,13 @@ def _index(store: Store) -> str:
 
 
 READING = (
-    "Success is ranked first, then the mean time or error of the solved scenarios, each entry at its own speed; "
-    "where some seeds of an agent fail, they count as the mean of its others there. A verdict is on success, as a "
-    "paired difference; where that is equivalent or a tie, it is on the time or the error of the scenarios that both "
-    "solve. Better and worse are what outlasts Holm's correction for all comparisons of the page; equivalent is a 95 % "
-    f"interval within {MARGINS}, and of successes the exact limit too; all else is a tie. `more successes (not "
-    "significant)` is neither: the interval alone leaves out zero, the correction does not, and time or error do not "
-    f"decide for it. A lower error at a lower speed, by over {100.0 * PACE_TOLERANCE:.0f} %, is no win."
+    "Success is ranked first, then the mean time or error of the solved scenarios, each entry at its own speed. If "
+    "only some seeds of an agent solve a scenario, the other seeds count there with the mean of these. A verdict is on "
+    "success, as a paired difference; if that is equivalent or a tie, it is on the time or the error in the scenarios "
+    "that both solve. Better and worse are significant after Holm's correction for all comparisons of the page. "
+    f"Equivalent is a 95 % interval within {MARGINS}; for success, the exact limit of rare failures lies within too. "
+    "`(not significant)`: the interval excludes 0, but the corrected p is above 0.05. All else is a tie. A lower error "
+    f"at a speed that is lower by over {100.0 * PACE_TOLERANCE:.0f} % is no win."
 )
 
 
@@ -325,9 +325,9 @@ def _covered(store: Store, folder: str, driven: Sequence[Mapping[str, str]] = ()
     other = sorted(sets - {rows[0]["of"].partition(" ")[0]}, key=int)
     others = f" For sets of {' or '.join(other)} agents it was not measured." if other else ""
     return (
-        "Intervals of trained agents cover their training seeds and the scenes, of the families that are driven; in "
-        f"simulated populations those of {rows[0]['of']} held the truth in {min(held):.1f} to {max(held):.1f} % of the "
-        f"cases ([measured]({folder}{SUITE}.md)).{others}"
+        "Intervals of trained agents cover training seeds and scenes, but no other families of scenes. In "
+        f"simulated populations, those of {rows[0]['of']} contained the true value in {min(held):.1f} to "
+        f"{max(held):.1f} % of the cases ([measured]({folder}{SUITE}.md)).{others}"
     )
 
 
@@ -603,6 +603,7 @@ def _sentences(tasks: Sequence[Contested]) -> str:
                 if names := [name for name, each in outcomes if each == nearness]:
                     parts.append(f"{' and '.join(names)} {words[len(names) > 1]}")
             text.append(f"- **{_SCENES.get(f'{heading}, {kind}', heading)}**: {'; '.join(parts)}.")
+    text.append("- **Teams and crowds** have [a page of their own](results/flocks.md).")
     return "\n".join(
         [
             *text,
@@ -614,17 +615,21 @@ def _sentences(tasks: Sequence[Contested]) -> str:
 
 
 _BEHIND = "behind, not significantly"
+_AHEAD = "ahead in time or error, not significantly"
 _NEAR = {
     EQUIVALENT: ("is equivalent", "are equivalent"),
     OPEN: ("ties with it", "tie with it"),
+    _AHEAD: ("is ahead in time or error, but not significantly", "are ahead in time or error, but not significantly"),
     _BEHIND: ("is behind, but not significantly", "are behind, but not significantly"),
 }
 
 
 def _nearness(verdict: Verdict) -> str:
     """Returns the outcome of a first entry beside another; who is behind by the interval alone is no tie."""
-    behind = verdict.words.rpartition("; ")[2].startswith(("more successes (", "faster (", "lower error"))
-    return _BEHIND if verdict.outcome == OPEN and behind else verdict.outcome
+    words = verdict.words.rpartition("; ")[2]
+    if verdict.outcome != OPEN or not words.endswith(UNSURE):
+        return verdict.outcome
+    return _BEHIND if words.startswith(("more successes", "faster", "lower error")) else _AHEAD
 
 
 def _has_map(row: Mapping[str, str]) -> bool:
