@@ -343,7 +343,8 @@ def _messages(
 def _values(message: Any, kind: str) -> Sequence[float] | Floats:
     """Returns the numbers of a message: a twist, a twist and pose, a pose, or ranges."""
     if kind in SCANS:
-        return np.asarray(message.ranges, np.float64)
+        ranges = np.asarray(message.ranges, np.float64)  # many drivers write a number out of range for "no return"
+        return np.where((ranges >= message.range_min) & (ranges < message.range_max), ranges, np.inf)
     if kind in COMMANDS:
         twist = message.twist if kind == COMMANDS[1] else message
         return [twist.linear.x, twist.angular.z]

@@ -398,9 +398,9 @@ def messages(store: Any, first: bool) -> dict[str, list[tuple[int, Any]]]:
                 ),
             )
         )
-        ranges = np.array([1.0, np.inf, 0.0, 2.5], np.float32)
+        ranges = np.array([1.0, np.inf, 0.0, 2.5, 5.01, 0.05, np.nan], np.float32)
         found["/scan"].append(
-            (arrival, of("sensor_msgs/msg/LaserScan", header, 0.0, 6.0, 2.0, 0.0, 0.2, 0.0, 5.0, ranges, ranges))
+            (arrival, of("sensor_msgs/msg/LaserScan", header, 0.0, 6.0, 1.0, 0.0, 0.2, 0.1, 5.0, ranges, ranges))
         )
         found["/text"].append((arrival, of("std_msgs/msg/String", "a word")))
     return found
@@ -447,10 +447,11 @@ def test_every_kind_of_bag_reads_to_the_same_arrays(kind: str, tmp_path: Path) -
     expected = np.stack([k, 0 * k + 2.0, np.arctan2(np.sin(0.1 * k), np.cos(0.1 * k))], axis=1)
     np.testing.assert_allclose(log.poses, expected, atol=1e-12)
     np.testing.assert_allclose(log.truth, expected, atol=1e-12)
-    np.testing.assert_array_equal(log.scans, np.tile(np.array([1.0, np.inf, 0.0, 2.5]), (40, 1)))
+    np.testing.assert_array_equal(log.scans, np.tile([1.0, np.inf, np.inf, 2.5, np.inf, np.inf, np.inf], (40, 1)))
     assert log.stamps == "arrival"
     assert len(log.digest) == 64
     stamped = read_log([file], Topics(cmd="/stamped"))
+    assert abs(stamped.skew) < 1e-6
     assert stamped.stamps == "header"
     np.testing.assert_allclose(stamped.commands, log.commands)
 
