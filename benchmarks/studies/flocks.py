@@ -102,13 +102,11 @@ CURVE_FIELDS = ("preset", "seed", "frames", "field", "success")
 # ---- the drives
 
 
-def drive(policy: Any, family: str, worlds: int) -> list[tuple[bool, float, float, float]]:
+def drive(policy: Any, family: str, worlds: int, dynamics: str = "kinematic") -> list[tuple[bool, float, float, float]]:
     """Returns of each world whether it was solved, the shares that arrived and touched, and the extra time (s)."""
-    single: Any = gymnasium.make(ENV_ID, scenario=f"{family}/claims", **SEEN).unwrapped
-    robots = single.task.team
-    env: Any = gymnasium.make_vec(
-        ENV_ID, worlds * robots, scenario=f"{family}/claims", max_episode_steps=CLOCK, **SEEN
-    ).unwrapped
+    robots = TEAM_FAMILIES[family].team
+    options: dict[str, Any] = {"scenario": f"{family}/claims", "max_episode_steps": CLOCK, "dynamics": dynamics, **SEEN}
+    env: Any = gymnasium.make_vec(ENV_ID, worlds * robots, **options).unwrapped
     pilot = Pilot(policy, env)
     steps, arrived, touched = first_episodes(env, pilot, np.repeat(np.arange(worlds), robots))
     straight = np.concatenate([each.straight for each in env.task.scenarios[:worlds]])
@@ -158,14 +156,16 @@ def policy_of(entry: str) -> Any:
     return policies.make(name, **({"seed": int(seed)} if seed else policies.cruising(name, {}, SPEED)))
 
 
-def team_parts(names: Sequence[str], families: Sequence[str], worlds: int, large: int) -> Iterator[Part]:
+def team_parts(
+    names: Sequence[str], families: Sequence[str], worlds: int, large: int, dynamics: str = "kinematic"
+) -> Iterator[Part]:
     """Yields the parts of the teams: an entry in a family."""
     for family in families:
         count = large if TEAM_FAMILIES[family].team > LARGE else worlds
         for entry in (each for name in names for each in entries(name)):
 
             def drives(entry: str = entry, family: str = family, count: int = count) -> list[Sequence[Any]]:
-                decisions = drive(policy_of(entry), family, count)
+                decisions = drive(policy_of(entry), family, count, dynamics)
                 return [(int(a), f"{b:.4f}", f"{c:.4f}", f"{d:.2f}") for a, b, c, d in decisions]
 
             yield {"family": family, "policy": entry}, drives

@@ -11,11 +11,13 @@ and the page is made of them; parts that are there are not driven again, so that
 import functools
 import itertools
 import statistics
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import click
+import flocks
 import numpy as np
 from flocks import leaning
 from part_rows import Part, Row, drive_missing, read, table
@@ -28,7 +30,8 @@ from wayfield.benchmarks.records.cases import Case
 from wayfield.benchmarks.runs.suite import Setting, episodes
 from wayfield.benchmarks.statistics.paired import Difference, difference, holm
 from wayfield.envs.scenarios.splits import SPLITS
-from wayfield.envs.tasks.task import IN_PROCESS
+from wayfield.envs.scenarios.team_families import TEAM_FAMILIES
+from wayfield.envs.tasks.task import IN_PROCESS, LARGEST_TEAMS
 from wayfield.system.command_line import OneLineErrors
 from wayfield.system.storage import write_whole
 
@@ -37,7 +40,15 @@ TABLE, PAPERS, PAGE = RESULTS / "physics.csv", RESULTS / "physics_papers.csv", R
 # measured once, by sim_to_sim.py and domain.py of commit 430ee4b9
 CHAIN, DOMAIN = RESULTS / "physics_chain.csv", RESULTS / "physics_domain.csv"
 NUMBERS = ("metres", "apart", "turned_apart", "speed_error", "yaw_rate_error")
+TEAMS, ALL_TEAMS = RESULTS / "physics_teams.csv", RESULTS / "flocks.csv"  # in MuJoCo, and on the kinematic plant
+TEAM_LAW, TEAM_AGENT = f"vfh_plus{flocks.TUNED}", "team_scan"
+OPEN_FAMILIES = tuple(
+    name
+    for name, family in TEAM_FAMILIES.items()
+    if not family.walled and not name.startswith(flocks.TURNED) and family.team <= LARGEST_TEAMS["mujoco"]
+)
 SEEDS = 3  # of the agent
+WORLDS = 2  # of each family of teams
 ROBOT, AGENT = "p3dx", "ppo"
 FIELDS = ("plant", "verdict", "family", "block", "policy", "scene", "success", "collision", "cost", "speed")
 PAPER_FIELDS = ("plant", "document", "experiment", "policy", "outcome", "figures")
@@ -154,6 +165,9 @@ def matched(rows: Sequence[Row], verdict: Verdict, plant: str, metric: str) -> t
     return first, other, [family for family, _ in keys]
 
 
+IN_TEAMS = Verdict("teams in the open", "teams", "open", "claims", TEAM_LAW, "tuned", 1)
+
+
 class Line(NamedTuple):
     """A verdict on a plant."""
 
@@ -198,6 +212,33 @@ def line(rows: Sequence[Row], verdict: Verdict, plant: str) -> Line | None:
     return Line(verdict, plant, len(first), float(first.mean()), float(other.mean()), change)
 
 
+def team_line(plant: str, rows: Sequence[Row]) -> Line:
+    """Returns what the verdict of teams comes to on a plant, in the worlds that were driven in MuJoCo."""
+    entries = (TEAM_LAW, *flocks.entries(TEAM_AGENT))
+    solved = {(row["policy"], row["family"], row["world"]): float(row["solved"]) for row in rows}
+    driven = Counter((row["family"], row["world"]) for row in read(TEAMS))
+    worlds = [world for world, count in driven.items() if count == len(entries)]
+    values = 100.0 * np.array([[solved[entry, *world] for entry in entries] for world in worlds])
+    gain = difference(values[:, :1] / 100.0, values[:, 1:] / 100.0, [family for family, _ in worlds], "share")
+    scaled = Difference(100.0 * gain.value, 100.0 * gain.low, 100.0 * gain.high, gain.p, gain.limit)
+    return Line(IN_TEAMS, plant, len(worlds), float(values[:, 0].mean()), float(values[:, 1:].mean()), scaled)
+
+
+def _team_lines(lines: Sequence[Line], said: dict[tuple[str, str], str]) -> list[str]:
+    """Returns the section of teams."""
+    shown = [_shown(each, said[IN_TEAMS.where, each.plant]) for each in lines]
+    return [
+        "",
+        "## Teams in the open",
+        "",
+        f"`{TEAM_LAW}` vs. agent `{TEAM_AGENT}`: success rate of teams of 2, 4 and 8 omni robots in scenes without "
+        "walls, the same scenes on both plants. pymunk drives no teams. In MuJoCo the robots of a scene share a model, "
+        "and push each other in a collision.",
+        "",
+        table(shown, ("plant", "value", "difference", "scenes", "outcome")),
+    ]
+
+
 def _shown(each: Line, said: str) -> list[str]:
     unit, digits = {"success": ("%", 1), "error": ("mm", 2), "time": ("s", 2)}[each.verdict.decides]
     ends = f" [{each.gain.low:+.{digits}f}, {each.gain.high:+.{digits}f}]" if np.isfinite(each.gain.low) else ""
@@ -213,6 +254,8 @@ def _shown(each: Line, said: str) -> list[str]:
 def page(rows: Sequence[Row], papers: Sequence[Row], chain: Sequence[Row], trained: Sequence[Row]) -> str:
     """Returns the page."""
     lines = [made for verdict in VERDICTS for plant in IN_PROCESS if (made := line(rows, verdict, plant))]
+    teams = [team_line(plant, read(file)) for plant, file in (("kinematic", ALL_TEAMS), ("mujoco", TEAMS))]
+    lines += teams
     corrected = holm([each.gain.p for each in lines])
     said = {(each.verdict.where, each.plant): each.said(p) for each, p in zip(lines, corrected, strict=True)}
     text = [
@@ -220,7 +263,7 @@ def page(rows: Sequence[Row], papers: Sequence[Row], chain: Sequence[Row], train
         "",
         "`kinematic` and `pymunk` are plants of this project; [MuJoCo](../environments.md#mujoco) is not. Here the "
         "README's verdicts of one robot are driven on all three: P3DX, tier `lagged`, the same scenes, starts, gains "
-        "and agents. Nothing was tuned on pymunk or MuJoCo. Teams and crowds are not here.",
+        "and agents. Nothing was tuned on pymunk or MuJoCo. Crowds are not here.",
         "",
         _summary(said),
         "",
@@ -238,6 +281,7 @@ def page(rows: Sequence[Row], papers: Sequence[Row], chain: Sequence[Row], train
         shown = [_shown(each, said[verdict.where, each.plant]) for each in mine]
         text += [table(shown, ("plant", "value", "difference", "scenes", "outcome"))]
         text += ["", _moved(rows, verdict)]
+    text += _team_lines(teams, said)
     return "\n".join([*text, *_paper_lines(papers), *_chain_lines(chain), *_domain_lines(trained), ""])
 
 
@@ -381,6 +425,8 @@ def main(drives: bool, blocks: int, plants: str) -> None:
     if drives:
         drive_missing(PAPERS, PAPER_FIELDS, paper_parts(plants.split(",")))
         drive_missing(TABLE, FIELDS, parts(plants.split(","), blocks))
+        team_parts = flocks.team_parts((TEAM_LAW, TEAM_AGENT), OPEN_FAMILIES, WORLDS, WORLDS, "mujoco")
+        drive_missing(TEAMS, flocks.TEAM_FIELDS, team_parts)
     write_whole(PAGE, page(read(TABLE), read(PAPERS), read(CHAIN), read(DOMAIN)).encode())
 
 
