@@ -8,6 +8,8 @@ const BY_KEYS = " Arrow keys move the cross (Shift: farther), Enter presses and 
 const CLICKED = 0.3; // m, from the middle to the edges of what a click puts down
 const SPACING = 0.1; // m between the points of a drawn path
 
+const rounded = (point) => point.map((each) => Math.round(1000 * each) / 1000); // to mm: links stay short
+
 // A drawn line as a path: its points evenly spaced, corners cut, closed where it comes back to its beginning.
 function drawnPath(points) {
   const length = (line) => line.slice(1).reduce((sum, [x, y], k) => sum + Math.hypot(x - line[k][0], y - line[k][1]), 0);
@@ -22,7 +24,7 @@ function drawnPath(points) {
   line = spaced(line, SPACING);
   const [p, q] = [line[0], line[line.length - 1]];
   if (closed && Math.hypot(p[0] - q[0], p[1] - q[1]) < 0.5 * SPACING) line = line.slice(0, -1);
-  return { path: line.map((point) => point.map((each) => Math.round(1000 * each) / 1000)), closed }; // mm: links stay short
+  return { path: line.map(rounded), closed };
 }
 
 function spaced(points, spacing) {
@@ -51,7 +53,7 @@ function lined({ path, closed }) {
   const line = closed ? [...path, path[0]] : path;
   const along = ([ax, ay], [bx, by]) => Math.atan2(by - ay, bx - ax);
   return { kind: "goal", name: "drawn", family: "", tier: "", quantity: null, steps: 2400, path, closed, corridor: 1, start: [...line[0], along(...line)], start_offset: 0, start_turn: 0,
-    goal: [...line[line.length - 1], along(...line.slice(-2))], waypoints: spaced(line, 1).slice(1, -1), waypoint_radius: 1, obstacles: [], patrols: [], position_tolerance: 0.2, heading_tolerance: Math.PI, edited: true };
+    goal: [...line[line.length - 1], along(...line.slice(-2))], waypoints: spaced(line, 1).slice(1, -1).map(rounded), waypoint_radius: 1, obstacles: [], patrols: [], position_tolerance: 0.2, heading_tolerance: Math.PI, edited: true };
 }
 
 const shapeOf = {

@@ -197,15 +197,11 @@ class Looks {
     this.replay = drive.replay;
     this.on = false;
     this.sides = [0, 1].map(() => ({ shadow: null, kernels: null })); // of the two panes
-    this.button = button("show its thinking", () => this.press(), { "aria-pressed": "false", class: "kept" });
+    this.button = button("show its thinking", () => (this.on || this.button.ariaDisabled !== "true") && this.turn(!this.on), { "aria-pressed": "false", class: "kept" });
     this.legend = el("p", { class: "hint", hidden: true });
     this.replay.scanButton.after(this.button);
     this.replay.words.append(this.legend);
     this.replay.under = (view, actor, pane) => this.draw(view, actor, this.sides[pane]);
-  }
-
-  press() {
-    if (this.on || this.button.getAttribute("aria-disabled") !== "true") this.turn(!this.on);
   }
 
   async turn(on) {
@@ -311,10 +307,10 @@ class Looks {
   }
 
   tell(found) {
-    const { other } = this.replay;
+    const { replay, replay: { other } } = this;
     const shown = [found, other && this.run(other)].filter(Boolean); // of either pane
     const told = [...new Set(shown.map(({ run, look }) => `${run.actor.label}: ${look.title}`))].join("; ");
-    const text = shown.length ? "show its thinking" : "thinking: choose a controller"; // grey, and says why
+    const text = shown.length ? "show its thinking" : replay.chosen && ![KEYBOARD, GHOST].includes(replay.chosen.policy) ? "no thinking to draw" : "thinking: choose a robot"; // grey, and says why
     if (this.button.textContent !== text) this.button.textContent = text;
     this.button.setAttribute("aria-disabled", !shown.length);
     this.button.title = told || "Choose a run in the list: the page can draw what most controllers and networks look at, not what you or a friend think.";

@@ -63,20 +63,15 @@ class Race {
     new ResizeObserver(replay.place).observe(front);
   }
 
-  // Whether the page still shows what it opened on.
-  get opening() {
-    const { told: { demo }, world, other } = this.replay;
-    return Boolean(other) && `${world.kind}: ${world.family}` === demo.opening.place.family;
-  }
-
   tellScene() {
     if (!this.sentence) return;
-    const { told: { demo }, world } = this.replay;
+    const { told: { demo }, world, other } = this.replay;
+    const opening = other && `${world.kind}: ${world.family}` === demo.opening.place.family; // still what the page opened on
     const { hand: run, editor } = this.drive;
     const hand = run && !run.actor.outcome;
     const modes = [hand && !editor.stays, editor.stays && editor.tool === "path", editor.stays && editor.tool === "disc"];
     this.large.forEach((button, k) => button.setAttribute("aria-pressed", Boolean(modes[k])));
-    this.sentence.textContent = hand ? this.asked(run) : this.run ? "Try again, take another challenge, or send a friend your run." : this.opening ? demo.sentence : this.closest() || ABOUT;
+    this.sentence.textContent = hand ? this.asked(run) : this.run ? "Try again, take another challenge, or send a friend your run." : opening ? demo.sentence : this.closest() || ABOUT;
     this.number.value = this.now < 0 ? "" : String(this.now);
     const verdict = editor.stays && editor.tool === "disc" && world.own && this.verdict();
     if (verdict) editor.tell(`${verdict} Click or tap for another disc.`);

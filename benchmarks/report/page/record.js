@@ -17,7 +17,7 @@ function framed(film, { board, canvas, beside }) {
 
 function recordButton(replay) {
   let recorder = null;
-  const button = el("button", { type: "button", class: "stepwise record", title: `a film of ${FILM.seconds} s`, on: { click: () => (recorder ? recorder.stop() : begin()) } }, "record video");
+  const button = el("button", { type: "button", class: "stepwise record", title: `a film of ${FILM.seconds} s`, on: { click: () => (recorder ? recorder.stop() : begin()) } }, "record");
   const begin = () => {
     const { width, height } = replay.board.getBoundingClientRect();
     const film = el("canvas", { width: Math.min(Math.round(width), FILM.width), height: Math.round(Math.min(1, FILM.width / width) * height) });
@@ -29,7 +29,7 @@ function recordButton(replay) {
     recorder.onstop = () => {
       clearInterval(paints);
       clearTimeout(ends);
-      [recorder, button.textContent] = [null, "record video"];
+      [recorder, button.textContent] = [null, "record"];
       downloaded(new Blob(parts, { type: "video/webm" }), "wayfield.webm");
     };
     recorder.start();

@@ -10,8 +10,6 @@ const OF_AXES = { // of the speed ahead and the yaw rate: least and most
 const WORDS = { saturation: ["twist", "wheels"], response: ["stepped", "continuous"] };
 const HARMLESS = ["name", "title", "drive", "wheels", "hull", "mass", "inertia", "friction", "driven_load", "sources", "sensors"];
 
-const isSheet = (content) => typeof content === "object" && content !== null && ("wheels" in content || "hull" in content);
-
 // The numbers of a sheet; an Error says what is wrong with it, or that the page cannot drive it.
 function sheetOf(content, { sensors }) {
   if (content.drive !== "differential") throw new Error(`drive is ${JSON.stringify(content.drive)}; of a data sheet the page drives "differential" alone, wayfield evaluate --robot every one`);

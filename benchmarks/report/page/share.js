@@ -218,10 +218,12 @@ function checkedWorld(world) {
   }
   if (patrols.length && patrols.length !== obstacles.length) throw new Error(`patrols has ${patrols.length} rows; there are ${obstacles.length} obstacles`);
   const kept = { ...world, steps: Math.min(world.steps, 12000), edited: true, grid: undefined, own: 0 };
-  if (world.kind === "path") {
+  if (world.kind === "path" || path.length) {
     if (path.length < (world.closed ? 3 : 2)) throw new Error(`path has ${path.length} points; it needs ${world.closed ? 3 : 2}`);
     path.forEach(([x, y], k) => { if (k && x === path[k - 1][0] && y === path[k - 1][1]) throw new Error(`path points ${k - 1} and ${k} are the same`); });
     number("corridor", 1e-3);
+  }
+  if (world.kind === "path") {
     number("laps", 0);
     return kept;
   }
