@@ -117,10 +117,6 @@ class Race {
     const { replay, drive: { runs } } = this;
     if (replay.world.kind !== "path" || replay.world.name !== "drawn" || runs.length < 2 || !runs.every(({ actor }) => replay.tells(actor))) return "";
     const there = runs.filter(({ actor }) => actor.outcome === "success").sort((a, b) => a.measures.error - b.measures.error);
-    if (there.length && this.crowned !== replay.world) { // the best one is looked at
-      this.crowned = replay.world;
-      replay.choose(there[0].actor);
-    }
     const [first] = replay.ranked(there.map(({ actor }) => actor));
     return there.length ? `First: ${first.label}, ${replay.result(first)}. Closest to your line: ${there[0].actor.label}, typically ${short(1000 * there[0].measures.error, 2)} mm off. ${there.length} of ${runs.length} arrived.` : "None got to the end of your line.";
   }
