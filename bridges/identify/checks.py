@@ -30,6 +30,7 @@ COARSE = 0.1  # of the largest speed: a rounding that bends more than the interv
 OFFSET = 0.03  # of the largest speed, which is no noise there
 FASTER, SLACK = 3.0, 1.0  # times the fastest command, and m/s or rad/s more, beyond which a few messages are wrong
 MOST_WILD = 0.1  # share of the messages that may be; more are in other units
+BLANK = 0.2  # share of the largest speed, of messages between which one of 0 is none of the base's
 HUNG = 3.0  # s, for which odometry that moves does not repeat itself to the last digit
 APART, NOTICED = 0.75, 1.0  # share of its largest values, and s, by and for which odometry then is off its commands
 TWICE = 0.9  # share of the messages with one stamp that are equal where each was recorded twice
@@ -68,12 +69,9 @@ def check(log: Log, cut: bool = False) -> Checked:
             f"commands arrive {abs(log.skew):.2f} s {'later' if log.skew > 0.0 else 'sooner'} after their stamps than "
             "odometry does: clocks of two computers, or a slow network? The delays contain it; compare --stamps arrival"
         )
-    sane = _sane(log)
-    if not sane.all():
-        warnings.append(
-            f"{(~sane).sum()} messages of odometry are faster than what was commanded explains, and are left out"
-        )
-    commands, odometry = (log.command_times, log.commands), (log.times[sane], log.speeds[sane])
+    odometry, lines = _sound(log)
+    warnings += lines
+    commands = log.command_times, log.commands
     again = _again(*odometry)
     if again.any() and again.sum() >= TWICE * (np.diff(odometry[0]) == 0.0).sum():
         warnings.append(f"{again.sum()} messages of odometry repeat the one before, its stamp too, and are left out")
@@ -138,6 +136,21 @@ def check(log: Log, cut: bool = False) -> Checked:
     return Checked(drive, tuple(warnings), moving)
 
 
+def _sound(log: Log) -> tuple[tuple[Floats, Floats], list[str]]:
+    """Returns times and speeds of odometry without what no base does, and a line for each kind that is left out."""
+    lines: list[str] = []
+    sane = _sane(log)
+    if not sane.all():
+        lines.append(
+            f"{(~sane).sum()} messages of odometry are faster than what was commanded explains, and are left out"
+        )
+    times, speeds = log.times[sane], log.speeds[sane]
+    blank = _blank(speeds)
+    if blank.any():
+        lines.append(f"{blank.sum()} messages of odometry are 0 between two that move, and are left out")
+    return (times[~blank], speeds[~blank]), lines
+
+
 def _check_clock(what: str, times: Floats) -> None:
     backward = np.flatnonzero(np.diff(times) < 0.0)
     if len(backward):
@@ -164,6 +177,19 @@ def _sane(log: Log) -> Flags:
     sane: Flags = np.all(speeds <= FASTEST, axis=1)
     longest, left = (np.diff(each).max(initial=0.0) for each in (log.times, log.times[~wild]))
     return sane & ~wild if wild.mean() <= MOST_WILD and left <= max(longest, LONGEST_GAP) else sane
+
+
+def _blank(speeds: Floats) -> Flags:
+    """Returns which messages are 0 between two that move the same way: no base stops for a message or two."""
+    zero = (speeds == 0.0).all(axis=1)
+    moves = np.flatnonzero(~zero)
+    if len(moves) < 2:
+        return np.zeros_like(zero)
+    last = np.clip(np.searchsorted(moves, np.arange(len(zero))), 1, len(moves) - 1)
+    before, after = speeds[moves[last - 1]], speeds[moves[last]]
+    fast = np.minimum(np.abs(before), np.abs(after)) > BLANK * np.quantile(np.abs(speeds), 0.98, axis=0)
+    blank: Flags = zero & (moves[last] - moves[last - 1] <= 3) & ((before * after > 0.0) & fast).any(axis=1)
+    return blank
 
 
 def _again(times: Floats, values: Floats) -> Flags:

@@ -126,7 +126,7 @@ def clipped(drive: Drive) -> list[str]:
             ends = " and ".join(f"{each:.4g}" for each in (low, high) if math.isfinite(each))
             count, most = np.isin(drive.speeds[:, axis], (low, high)).sum(), np.abs(drive.commands[:, axis]).max()
             lines.append(
-                f"{count} messages of odometry have the {NAMES[axis]} {ends} {UNITS[axis]}, none more, while up to "
+                f"{count} messages of odometry have the {NAMES[axis]} {ends} {UNITS[axis]}, none beyond, while up to "
                 f"{most:.4g} is commanded: clipped by its driver? They count as that speed or more"
             )
     return lines

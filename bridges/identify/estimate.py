@@ -484,7 +484,7 @@ def clipped(drive: Drive) -> Floats:
             values, counts = np.unique(sign * speeds, return_counts=True)
             beyond = len(speeds) - np.cumsum(counts)
             likely = (
-                (values > 0.0) & (beyond <= MOST_WRONG * len(speeds)) & (counts >= np.maximum(REPEATED, 5 * beyond))
+                (values >= 0.0) & (beyond <= MOST_WRONG * len(speeds)) & (counts >= np.maximum(REPEATED, 5 * beyond))
             )
             if likely.any() and (sign * drive.commands[:, axis]).max() > (most := float(values[likely][0])):
                 reported[side, axis] = sign * most

@@ -244,6 +244,15 @@ def test_a_few_messages_far_beyond_all_commands_are_left_out_and_nothing_else() 
     assert np.isin(drive.times[~wild], checked.drive.times).sum() >= 0.95 * (~wild).sum()
 
 
+def test_zeros_between_messages_that_move_are_left_out_and_no_stop_of_the_base_is() -> None:
+    drive = driven()
+    zeros = (np.arange(len(drive.times)) % 5 == 0) | (np.random.default_rng(0).random(len(drive.times)) < 0.1)
+    found = fit(check(log_of(changed(drive, speeds=np.where(zeros[:, None], 0.0, drive.speeds)))).drive)
+    np.testing.assert_allclose(found.numbers[[1, 6]], 1.0, rtol=0.01)
+    stops = np.where(np.abs(drive.speeds) < [0.02, 0.24], 0.0, drive.speeds)
+    assert check(log_of(changed(drive, speeds=stops))).warnings == ()
+
+
 def test_odometry_that_hangs_is_left_out_and_a_base_that_does_what_is_commanded_never_hangs() -> None:
     drive = driven()
     hung = (drive.times > 10.0) & (drive.times < 20.0)
@@ -253,6 +262,13 @@ def test_odometry_that_hangs_is_left_out_and_a_base_that_does_what_is_commanded_
     legs = np.repeat([[0.2, 0.0], [0.0, 0.0], [-0.2, 0.5], [0.1, -1.0], [0.0, 1.0]], 200, axis=0)
     times = 0.05 * np.arange(len(legs))
     check(Log("drive.csv", "", "table", times, legs, times + 0.1, 0.8 * legs))
+
+
+def test_odometry_that_never_goes_backward_is_clipped_at_0() -> None:
+    drive = driven()
+    found = fit(check(log_of(changed(drive, speeds=np.maximum(drive.speeds, [0.0, -np.inf])))).drive)
+    assert found.drive.reported[0, 0] == 0.0
+    np.testing.assert_allclose(found.numbers[[1, 6]], 1.0, rtol=0.01)
 
 
 @pytest.mark.parametrize("level", [0.15, 0.8])
