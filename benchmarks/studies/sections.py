@@ -159,7 +159,9 @@ SECTIONS = (
                 (f"{contest.stem}_p3dx_ladder_pairs.csv", f"{contest.spec.title}: {CLAIMS[0].lower()}{CLAIMS[1:]}"),
             )
         },
-        "Five scenarios of each family a level: enough for intervals, too few to tell close policies apart.",
+        "Five scenarios of each family a level: enough for intervals, too few to tell close policies apart. Four "
+        "policies had changed since the run and drove again at commit 430ee4b9: `ppo` and `stanley` on paths, "
+        "`smooth_pose` and `mpc_pose` to docks.",
     ),
     Section(
         "barn",
