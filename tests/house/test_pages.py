@@ -37,13 +37,13 @@ LONG = {
     "wayfield play": 30,  # until its window is closed, here an unseen one
     "--suite": 45,  # contests and searches of half an hour to days
     "train": 45,  # millions of frames
-    "--full": 45,
     "--video": 45,
-    "--policies waypoint": 45,
+    "flocks.py --drive": 45,
     "tune_all": 45,
     "compare([": 45,
 }
-WHOLE = ("--episodes 1", "results/short", "results/mine", "offline")  # which later lines need, however long
+# which later lines need, however long
+WHOLE = ("--episodes 1", "results/short", "results/mine", "gains.json", "offline")
 SERVER = "python -m wayfield.bridges.coppelia"  # runs beside the lines below it
 LIMIT = 1200  # s, of a line
 
