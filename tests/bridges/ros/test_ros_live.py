@@ -5,6 +5,7 @@
 import contextlib
 import json
 import math
+import os
 import random
 import re
 import signal
@@ -399,7 +400,8 @@ def test_commands_come_at_their_rate_while_long_paths_do(bench):
         time.sleep(max(0.0, due - time.monotonic()))
     stamps = [each.header.stamp.sec + 1e-9 * each.header.stamp.nanosec for _, each in commands[first:]]
     assert len(stamps) > 100
-    assert np.diff(stamps).max() <= 1.0  # a plan in the way of the commands takes 1.2 s of a processor, or more
+    busy = os.getloadavg()[0] > (os.cpu_count() or 1)
+    assert np.diff(stamps).max() <= (0.5 if busy else 0.1)
     assert commands[-1][1].twist.linear.x > 0.05
 
 
