@@ -367,8 +367,38 @@ def test_an_emergency_stop_of_any_publisher_is_heard_and_rclpy_raises_no_alarm(b
     assert "incompatible" not in bench.said(driver) + "".join(capfd.readouterr())
 
 
+# wakes 200 times a second on one processor, and says when it was late, by how much (s)
+WATCH = """
+import os, sys, time
+os.sched_setaffinity(0, {int(sys.argv[1])})
+due = time.time()
+while True:
+    due += 0.005
+    time.sleep(max(0.0, due - time.time()))
+    if (late := time.time() - due) > 0.005:
+        print(due, late, flush=True)
+        due += late
+"""
+
+
+@contextlib.contextmanager
+def watched():
+    """Yields a list of when (s) the machine itself ran nothing on one of its processors, and for how long (s)."""
+    words = [sys.executable, "-c", WATCH]
+    watches = [
+        subprocess.Popen([*words, str(cpu)], stdout=subprocess.PIPE, text=True) for cpu in os.sched_getaffinity(0)
+    ]
+    stalls = []
+    try:
+        yield stalls
+    finally:
+        for each in watches:
+            each.kill()
+            stalls.extend(tuple(map(float, line.split())) for line in each.communicate()[0].splitlines())
+
+
 def test_commands_come_at_their_rate_while_long_paths_do(bench):
-    """The largest gap is two periods, or on a busy machine half a second: planning for the executor took two."""
+    """The largest gap is two periods, without the time that the machine gave to others: plans in the way took 0.6 s."""
     commands, made = bench.hears(TwistStamped, "cmd_vel"), HandMade(bench)
     path = Path()
     path.header.frame_id = "odom"
@@ -388,20 +418,25 @@ def test_commands_come_at_their_rate_while_long_paths_do(bench):
     bench.until(lambda: "ready" in bench.said(driver))
     begun, due = None, time.monotonic()
     end = due + 120.0
-    while begun is None or due < begun + 8.0 or bench.said(driver).count("path of 20000 points") < 5:
-        assert due < end, bench.said(driver)
-        if "path of 20000 points" in bench.said(driver) and begun is None:
-            begun = due
-            first = len(commands)
-        if round(20.0 * (due - (begun or 0.0))) % 20 == 0:
-            send(content)
-        made.says(time.time(), [3.0] * 180, 180, 0.0)
-        due += 0.05
-        time.sleep(max(0.0, due - time.monotonic()))
-    stamps = [each.header.stamp.sec + 1e-9 * each.header.stamp.nanosec for _, each in commands[first:]]
+    with watched() as stalls:
+        while begun is None or due < begun + 8.0 or bench.said(driver).count("path of 20000 points") < 5:
+            assert due < end, bench.said(driver)
+            if "path of 20000 points" in bench.said(driver) and begun is None:
+                begun = due
+                first = len(commands)
+            if round(20.0 * (due - (begun or 0.0))) % 20 == 0:
+                send(content)
+            made.says(time.time(), [3.0] * 180, 180, 0.0)
+            due += 0.05
+            time.sleep(max(0.0, due - time.monotonic()))
+    stamps = np.array([each.header.stamp.sec + 1e-9 * each.header.stamp.nanosec for _, each in commands[first:]])
     assert len(stamps) > 100
-    busy = os.getloadavg()[0] > (os.cpu_count() or 1)
-    assert np.diff(stamps).max() <= (0.5 if busy else 0.1)
+    at = np.rint(1e3 * (stamps - stamps[0])).astype(int)  # ms
+    ran = np.ones(at[-1], int)
+    for since, seconds in stalls:
+        begin, stop = np.clip(np.rint(1e3 * (since - stamps[0] + np.array([0.0, seconds]))), 0, at[-1]).astype(int)
+        ran[begin:stop] = 0
+    assert np.add.reduceat(ran, at[:-1]).max() <= 100
     assert commands[-1][1].twist.linear.x > 0.05
 
 
