@@ -244,45 +244,32 @@ def _share(rows: Sequence[Row], name: str, metric: str) -> tuple[float, float, f
 
 
 def sentences(shown_panels: Sequence[Panel]) -> list[str]:
-    """Returns a sentence a task: who wins, by how much, in how many scenes."""
+    """Returns a sentence a task, of its first kind of scenes: who wins, by how much, in how many scenes."""
     verdicts = []
     for panel in itertools.chain.from_iterable(map(_bullets, shown_panels)):
-        clauses: list[str] = []
-        before = ""
-        for match in panel.matches:
-            words, place, numbers = _clause(panel, match)
-            # the same outcome of the same two in the next kind of scenes is not spelled again
-            clauses.append(
-                f"{'and ' if words == before else ''}{place if words == before else words.format(place)} ({numbers})"
-                + match.ppo
-            )
-            before = words
         title = panel.title.replace(
             "PPO with a fallback", "PPO uses `reeds_shepp_scan` when stuck or near moving obstacles"
         )
-        verdicts.append(f"- **{title}**: {'; '.join(clauses).replace('; and ', ', and ')}.")
+        verdicts.append(f"- **{title}**: {_sentence(panel, panel.matches[0])}.")
     return verdicts
 
 
 def _bullets(panel: Panel) -> Iterator[Panel]:
     """Yields a panel, that of teams and crowds in two: a bullet each."""
-    teams = tuple(each for each in panel.matches if each.where.startswith("for teams"))
-    if not teams:
-        yield panel
-        return
-    others = tuple(each for each in panel.matches if each not in teams)
-    yield dataclasses.replace(panel, title="Teams", matches=teams)
-    yield dataclasses.replace(panel, title="Crowds", matches=others)
+    of_teams = [each.where.startswith("for teams") for each in panel.matches]
+    for title, is_team in (("Teams", True), ("Crowds", False)) if any(of_teams) else ((panel.title, False),):
+        if matches := tuple(m for m, team in zip(panel.matches, of_teams, strict=True) if team is is_team):
+            yield dataclasses.replace(panel, title=title, matches=matches)
 
 
-def _clause(panel: Panel, match: Match) -> tuple[str, str, str]:
-    """Returns the words of an outcome, with a place for the kind of scenes, these, and the numbers."""
+def _sentence(panel: Panel, match: Match) -> str:
+    """Returns the words of an outcome in a kind of scenes, with the numbers."""
     a, b = match.controller, match.agent
     turned = -1 if match.outcome in (WORSE, BEHIND) else 1  # the better one is named first
     names, values, speeds = (a.name, b.name)[::turned], (match.shares or (a.value, b.value))[::turned], match.speeds
-    unit, win = (panel.unit, panel.win) if match.shares is None else ("%", "{} succeeds more often than {} {place}")
+    unit, win = (panel.unit, panel.win) if match.shares is None else ("%", "{} succeeds more often than {} {where}")
     if match.faster:
-        win = "{} is faster than {} {place}"
+        win = "{} is faster than {} {where}"
     digits, of = (1, "success rate") if unit == "%" else (2, "error")
     numbers = f"{values[0]:.{digits}f} vs. {values[1]:.{digits}f} {unit}"
     if match.faster and a.value == b.value:
@@ -295,12 +282,12 @@ def _clause(panel: Panel, match: Match) -> tuple[str, str, str]:
     if speeds:
         numbers += ", at {:.2f} vs. {:.2f} m/s".format(*speeds[::turned])
     words = {
-        EQUIVALENT: f"{{}} and {{}} are equivalent in {of} {{place}}",
-        **dict.fromkeys((AHEAD, BEHIND), "{} is ahead of {}, but not significantly, {place}"),
-        OPEN: "{} and {} tie {place}",
+        EQUIVALENT: f"{{}} and {{}} are equivalent in {of} {{where}}",
+        **dict.fromkeys((AHEAD, BEHIND), "{} is ahead of {}, but not significantly, {where}"),
+        OPEN: "{} and {} tie {where}",
     }.get(match.outcome, win)
-    place = f"on {match.where}" if "{where}" not in words and panel.unit == "mm" else match.where
-    return words.format(*names, where="{}", place="{}"), place, numbers
+    where = f"on {match.where}" if panel.unit == "mm" and words != panel.win else match.where
+    return f"{words.format(*names, where=where)} ({numbers}){match.ppo}"
 
 
 def readme(store: Store) -> dict[str, bytes]:
@@ -313,7 +300,8 @@ def _lines(shown_panels: Sequence[Panel]) -> list[str]:
     if not shown_panels:
         return ["No run of this version is published."]
     shown = f"![The best controller beside the best agent at each task, with 95 % intervals]({FIGURE})"
-    return ["\n".join([_count(shown_panels), "", shown, "", *sentences(shown_panels)])]
+    first = "The first kind of scenes of each task ([all results](docs/results.md)):"
+    return ["\n".join([_count(shown_panels), "", shown, "", first, "", *sentences(shown_panels)])]
 
 
 def _count(shown_panels: Sequence[Panel]) -> str:
