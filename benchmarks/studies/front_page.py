@@ -84,13 +84,13 @@ _TASKS: tuple[tuple[str, str, str, str, str, tuple[tuple[str, str, str], ...]], 
          (_TIMED, "references that a base can follow", "timed trajectories")),
     ),
     (
-        "Goal reaching without a map", SUCCESS, "%", "scenes",
+        "Goal reaching", SUCCESS, "%", "scenes",
         "{} reaches more goals than {} {where}",
         ((_GOALS, "static obstacles", "among static obstacles"),
          (_GOALS, "moving obstacles", "among moving obstacles")),
     ),
     (
-        "Docking (PPO with a fallback)", SUCCESS, "%", "docks",
+        "Docking", SUCCESS, "%", "docks",
         "{} succeeds more often than {} {where}",
         ((_DOCKS, "free space", "in free space"), (_DOCKS, "wall or parking bay", "at a wall or in a bay"),
          (_DOCKS, "moving obstacles", "among moving obstacles")),
@@ -153,7 +153,7 @@ def _match(board: Sequence[Row], lines: Sequence[Row], kind: str, where: str, un
         if ppo is not None:
             beside = verdict_of(lines, kind, entry_of(controller), entry_of(ppo))
             less = beside is not None and beside[0].outcome == BETTER and beside[0].on_success
-            said = f", and PPO {'succeeds less often:' if less else 'reaches'} {_numbers(ppo[SUCCESS])[0]:.1f} %"
+            said = f"; agent `{PPO}` {'succeeds less often:' if less else 'reaches'} {_numbers(ppo[SUCCESS])[0]:.1f} %"
             here = dataclasses.replace(here, ppo=said)
         collided = _numbers(controller["collision (%)"])[0], _numbers(agent["collision (%)"])[0]
         here = dataclasses.replace(here, collided=collided)
@@ -174,7 +174,7 @@ def _controller(policy: str, gains: str) -> str:
 
 def _agent(policy: str, seeds: str) -> str:
     """Returns how a sentence calls an agent; where not all of several seeds drove, it says so."""
-    return ("PPO" if policy == PPO else f"agent `{policy}`") + (f" ({seeds})" if seeds else "")
+    return f"agent `{policy}`" + (f" ({seeds})" if seeds else "")
 
 
 def _numbers(cell: str) -> tuple[float, float, float]:
@@ -245,13 +245,8 @@ def _share(rows: Sequence[Row], name: str, metric: str) -> tuple[float, float, f
 
 def sentences(shown_panels: Sequence[Panel]) -> list[str]:
     """Returns a sentence a task, of its first kind of scenes: who wins, by how much, in how many scenes."""
-    verdicts = []
-    for panel in itertools.chain.from_iterable(map(_bullets, shown_panels)):
-        title = panel.title.replace(
-            "PPO with a fallback", "PPO uses `reeds_shepp_scan` when stuck or near moving obstacles"
-        )
-        verdicts.append(f"- **{title}**: {_sentence(panel, panel.matches[0])}.")
-    return verdicts
+    shown = itertools.chain.from_iterable(map(_bullets, shown_panels))
+    return [f"- **{panel.title}**: {_sentence(panel, panel.matches[0])}." for panel in shown]
 
 
 def _bullets(panel: Panel) -> Iterator[Panel]:
@@ -271,7 +266,7 @@ def _sentence(panel: Panel, match: Match) -> str:
     if match.faster:
         win = "{} is faster than {} {where}"
     digits, of = (1, "success rate") if unit == "%" else (2, "error")
-    numbers = f"{values[0]:.{digits}f} vs. {values[1]:.{digits}f} {unit}"
+    numbers = f"{'RMS ' * (unit == 'mm')}{values[0]:.{digits}f} vs. {values[1]:.{digits}f} {unit}"
     if match.faster and a.value == b.value:
         numbers = f"{values[0]:.{digits}f} %"
     if match.collided and any(match.collided):
@@ -300,7 +295,7 @@ def _lines(shown_panels: Sequence[Panel]) -> list[str]:
     if not shown_panels:
         return ["No run of this version is published."]
     shown = f"![The best controller beside the best agent at each task, with 95 % intervals]({FIGURE})"
-    first = "The first kind of scenes of each task ([all results](docs/results.md)):"
+    first = "One example per task ([all results](docs/results.md)):"
     return ["\n".join([_count(shown_panels), "", shown, "", first, "", *sentences(shown_panels)])]
 
 
@@ -317,9 +312,10 @@ def _count(shown_panels: Sequence[Panel]) -> str:
     which = [f"{camp} win {_listed(each)}." for camp, each in (("Controllers", won), ("Agents", lost)) if each]
     return " ".join(
         (
-            f"**Controllers win {wins} of {len(outcomes)} kinds of scenes, agents trained with PPO win {losses}.**",
+            f"**Controllers win {wins} of {len(outcomes)} kinds of scenes, trained agents win {losses}.**",
             *which,
-            f"In {ties} kinds the difference is not significant; in {alike} it is shown to be negligible (equivalent).",
+            f"{ties} are ties: no significant difference after correction for multiple comparisons.",
+            f"{alike} {'is' if alike == 1 else 'are'} equivalent: the difference is shown to be negligible.",
         )
     )
 
@@ -330,7 +326,8 @@ def _listed(phrases: Sequence[str]) -> str:
 
 def _where(panel: Panel, match: Match) -> str:
     """Returns a kind of scenes as a phrase."""
-    task = "" if match.where in CROWDS.values() else f"in {panel.title.partition(' (')[0].lower()} "
+    task = f"{'when' if panel.title == 'Docking' else 'in'} {panel.title.lower()} "
+    task = "" if match.where in CROWDS.values() else task
     return f"{'on ' if panel.unit == 'mm' else task}{match.where}{' (by time)' * bool(match.faster)}"
 
 
@@ -340,11 +337,9 @@ def figure(shown_panels: Sequence[Panel]) -> bytes:
         drawn = Figure((9.6, 9.0))
         for axes, panel in zip(drawn.subplots(2, 2).flat, shown_panels, strict=False):
             _draw(axes, panel)
-        keys = [
-            Patch(color=CONTROLLER, label="best controller without a map"),
-            Patch(color=AGENT, label="best trained agent"),
-        ]
-        drawn.legend(handles=keys, loc="lower center", ncols=2, fontsize=16)
+        keys = {"best controller": CONTROLLER, "best trained agent": AGENT, "bold: wins": "none"}
+        handles = [Patch(color=of, label=label) for label, of in keys.items()]
+        drawn.legend(handles=handles, loc="lower center", ncols=3, fontsize=16)
         drawn.tight_layout(rect=(0.0, 0.05, 1.0, 1.0), h_pad=2.0, w_pad=3.0)
         file = io.BytesIO()
         drawn.savefig(file, format="png", dpi=100)
@@ -356,6 +351,7 @@ def _draw(axes: Any, panel: Panel) -> None:
     for k, match in enumerate(panel.matches):
         # where times decide they stand behind the values, the better one's first
         times = re.findall(r"[\d.]+(?= vs| s$)", match.faster)[:: -1 if match.outcome == WORSE else 1]
+        wins = {BETTER: 0, WORSE: 1}.get(match.outcome)
         for side, (bar, colour) in enumerate(((match.controller, CONTROLLER), (match.agent, AGENT))):
             y = k - 0.18 + 0.36 * side
             reach = [[max(bar.value - bar.low, 0.0)], [max(bar.high - bar.value, 0.0)]]
@@ -364,10 +360,12 @@ def _draw(axes: Any, panel: Panel) -> None:
             inside = bar.value > 0.6 * ends
             if inside:
                 dark = colour == CONTROLLER
-                axes.text(0.02 * ends, y, name, va="center", fontsize=14, color="white" if dark else "black")
+                size = 14 if len(name) < 15 else 12  # clear of the interval
+                axes.text(0.02 * ends, y, name, va="center", fontsize=size, color="white" if dark else "black")
             value += f", {times[side]} s" if len(times) == 2 else ""
             text = value if inside else f"{name} {value}"
-            axes.text(bar.high + 0.02 * ends, y, text, va="center", fontsize=14)
+            weight = "bold" if side == wins else "normal"
+            axes.text(bar.high + 0.02 * ends, y, text, va="center", fontsize=14, fontweight=weight)
     axes.set_yticks(range(len(panel.matches)), list(map(_wrapped, panel.matches)), fontsize=14)
     axes.invert_yaxis()
     axes.set_xlim(0.0, ends * (1.3 if any(match.faster for match in panel.matches) else 1.2))

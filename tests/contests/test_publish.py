@@ -176,7 +176,9 @@ def test_the_losing_agents_are_told(repository: Path) -> None:
     assert run_publish(repository, "--no-run").exit_code == 0
     readme = (repository / "README.md").read_text(encoding="utf-8")
     # the losing agent stands beside the winner, with both numbers; the other kinds of scenes are in the figure
-    assert "`mpc` (tuned) tracks smooth paths more closely than PPO (11.90 vs. 26.90 mm, 8 paths)." in readme
+    assert (
+        "`mpc` (tuned) tracks smooth paths more closely than agent `ppo` (RMS 11.90 vs. 26.90 mm, 8 paths)." in readme
+    )
     page = (repository / sections.RESULTS / "path-following-claims.md").read_text(encoding="utf-8")
     lines = [
         each for each in page.splitlines() if (each.startswith("| mpc (tuned)") and "p 0" in each) or "p <" in each
@@ -222,7 +224,7 @@ def test_readme_says_of_a_pair_what_success_says_of_it_before_and_after_correcti
     writer.writerows(lines)
     kept.changed[f"{sections.RESULTS}/{name}.csv"] = text.getvalue().encode()
     named = "`ilqr` (hand-tuned)" if "paths" in where else "`reeds_shepp_scan`"
-    names = [named, "PPO"][:: -1 if wins else 1]
+    names = [named, "agent `ppo`"][:: -1 if wins else 1]
     joint = " and " if told in ("same", "open") else f" {WORDS[told]} "
     wanted = joint.join(names) + (f" {WORDS[told]}" if joint == " and " else "")
     panel = next(front_page.panels(kept))
