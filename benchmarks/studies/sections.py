@@ -114,7 +114,6 @@ _LEFT_OUT = {
 }
 
 
-_OMNI = {"trajectory-tracking": "For this base only `pid_omni`, `governed` and `feedback_linear` were searched. "}
 _LAWS_ALONE = (("trajectory-tracking", "omni3"),)  # contests with a robot that no agent ships for
 
 
@@ -138,7 +137,7 @@ def _others() -> Iterator[Section]:
                     f"{contest.stem}_{robot}.csv": "Every number of every entry",
                     f"{contest.stem}_{robot}_told.csv": "What each has",
                 },
-                f"{_LEFT_OUT.get(contest.name, '')}{'' if default else _OMNI.get(contest.name, '')}Simulation only.",
+                f"{_LEFT_OUT.get(contest.name, '')}Simulation only.",
             )
 
 
