@@ -17,6 +17,7 @@ changed since are to be taken away first:
 """
 
 import functools
+import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -61,15 +62,19 @@ LEAST_SEEDS = 3  # of training, under which nothing is claimed
 
 TUNED = " tuned"  # behind the name of a law, of the gains that `tune` found for teams
 _ORCAS = ("orca_team", f"orca_team{TUNED}")
+_FORCES = ("social_force", f"social_force{TUNED}")
 _BY_SCAN = ("vfh_plus", f"vfh_plus{TUNED}", "dwa")
-SHORT = {_ORCAS[1]: "tuned", "team_guided": "guided", "team_scan": "scan"}  # so that a table is no wider than a page
+# so that a table is no wider than a page
+SHORT = {_ORCAS[1]: "tuned", "team_guided": "guided", "team_scan": "scan"} | dict(
+    zip(_FORCES, ("force", f"force{TUNED}"), strict=True)
+)
 # each agent, with whom it is compared; those that see the scan alone also with laws that see more
 RIVALS = {
     "team_scan": (*_ORCAS, "ppo", *_BY_SCAN),
-    "team_guided": (*_ORCAS, "ppo"),
+    "team_guided": (*_ORCAS, *_FORCES, "ppo"),
     "ppo": (*_ORCAS, *_BY_SCAN),
 }
-AMONG_PEOPLE = {"people_free": (*_ORCAS, "social_force", f"social_force{TUNED}")}
+AMONG_PEOPLE = {"people_free": (*_ORCAS, *_FORCES)}
 AGENTS = {
     "team_guided": "teams_guided",
     "team_scan": "teams_scan",
@@ -509,7 +514,9 @@ def team_tables(rows: Sequence[Row]) -> tuple[list[Compared], str]:
     names.sort(key=lambda name: name not in _ORCAS)
     families = [family for family in TEAM_FAMILIES if any(row["family"] == family for row in rows)]
     of = {family: [row for row in rows if row["family"] == family] for family in families}
-    abbreviations = "`tuned` is `orca_team tuned`, `guided` and `scan` are `team_guided` and `team_scan`."
+    abbreviations = (
+        "`tuned` is `orca_team tuned`; `guided`, `scan` and `force` are `team_guided`, `team_scan` and `social_force`."
+    )
     titles = {
         "solved": f"## Family by family\n\nWorlds solved (%); {abbreviations}",
         "arrived": "Robots that arrive (%).",
@@ -852,9 +859,9 @@ def counts(rows: Mapping[str, Sequence[Row]]) -> str:
 
 def tuning() -> str:
     """Returns in sentences what searches of gains found, and what they and the training of agents were given."""
-    laws = dict.fromkeys(law for laws in (*RIVALS.values(), *AMONG_PEOPLE.values()) for law in laws if TUNED in law)
+    rivals = itertools.chain(*RIVALS.values(), *AMONG_PEOPLE.values())
     suites: dict[str, list[str]] = {}
-    for law in (each.removesuffix(TUNED) for each in laws):
+    for law in dict.fromkeys(each.removesuffix(TUNED) for each in rivals):
         for suite in ("teams", *PEOPLE_CONTESTS):
             rules = ALL_CONTESTS[suite].rules
             best = tuned_set(law, suite, ROBOT, rules.speed if rules else SPEED)
