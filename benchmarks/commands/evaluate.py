@@ -73,6 +73,7 @@ from wayfield.benchmarks.runs.payloads import sent
 from wayfield.benchmarks.runs.prefetch import Prefetch, prefetching
 from wayfield.benchmarks.runs.shards import Part, parts_of, play_together, rows_so_far
 from wayfield.benchmarks.runs.suite import Episode, Setting, episodes, gathered, heads_first, run, together
+from wayfield.envs import goal_reaching
 from wayfield.envs.robots import ACTUATORS, ROBOTS
 from wayfield.envs.robots.robot_option import RobotChoice
 from wayfield.envs.tasks.specs import EVERY
@@ -91,6 +92,7 @@ from wayfield.system.command_line import (
     say,
     shared_out,
 )
+from wayfield.system.compiled import is_stored
 from wayfield.system.executors import HERE, Executor
 from wayfield.system.extras import installs
 from wayfield.system.storage import write_whole
@@ -239,7 +241,7 @@ figures (.svg, .png). Give the same command again to continue an interrupted run
     "--workers",
     "count",
     type=click.IntRange(min=1),
-    help="Processes that share the work.  [default: a core each, at most 4]",
+    help="Processes that share the work.  [default: a core each, at most 4; of a --quick that need not compile, 1]",
 )
 @on_cluster
 def main(**given: Any) -> None:
@@ -264,7 +266,8 @@ def run_quick(options: Options) -> None:
     folder = options.folder(QUICK, options.differing("kinematic", "lagged"))
     few = dataclasses.replace(options, suite=QUICK, policies=QUICK_POLICIES, families=QUICK_FAMILIES)
     few = dataclasses.replace(few, contests=tuple(CONTESTS), gains="best")
-    with shared_out(options.processes) as executor:
+    # once all is compiled, another process takes longer to start than it would save
+    with shared_out(options.count or (1 if is_stored(goal_reaching.step_rows) else options.processes)) as executor:
         findings = quick_report(few, folder, executor)
     print_short(findings, _QUICK_WIDTH)
     say("Four scenarios a task are a first look, not a verdict. Next: wayfield evaluate")
