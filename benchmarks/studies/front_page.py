@@ -315,7 +315,7 @@ def _count(shown_panels: Sequence[Panel]) -> str:
             f"**Controllers win {wins} of {len(outcomes)} kinds of scenes, trained agents win {losses}.**",
             *which,
             f"{ties} are ties: no significant difference after correction for multiple comparisons.",
-            f"{alike} {'is' if alike == 1 else 'are'} equivalent: the difference is shown to be negligible.",
+            f"In {alike} the two are equivalent: the difference is shown to be negligible.",
         )
     )
 
