@@ -376,13 +376,89 @@ def threaded(num_threads: int) -> list[Contender]:
     return chosen
 
 
-def deciding_steps(policy: str, num_envs: int, num_threads: int) -> Steps:
-    """Returns a function that lets a policy decide a few times on the same observations of goal reaching."""
+def deciding() -> list[Contender]:
+    """Returns planners that decide for one robot, beside public ones of as many samples or steps where there are."""
+    on_path: dict[str, Any] = {"env_id": PATH_FOLLOWING, "scenario": "circle"}
+    chosen = [Contender("mppi, 256 samples of 30 steps", 1, deciding_steps("mppi", 1, 1))]
+    if importlib.util.find_spec("pytorch_mppi"):
+        chosen.append(Contender("pytorch_mppi, 256 samples of 30 steps", 1, _by_pytorch_mppi()))
+    chosen.append(Contender("mpc, 20 steps", 1, deciding_steps("mpc", 1, 1, **on_path)))
+    if importlib.util.find_spec("do_mpc"):
+        chosen.append(Contender("do-mpc, 20 steps", 1, _by_do_mpc()))
+    chosen += [Contender(name, 1, deciding_steps(name, 1, 1)) for name in ("dwa", "vfh_plus", "scan_planner")]
+    for contender in chosen:
+        contender.steps()
+    return chosen
+
+
+def _by_pytorch_mppi() -> Steps:
+    """Returns decisions of a unicycle among ten discs: its costs are distances, as few operations as there can be."""
+    import torch
+    from pytorch_mppi import MPPI
+
+    torch.set_num_threads(1)
+    discs = 8.0 * torch.rand(10, 2)
+
+    def dynamics(state: Any, action: Any) -> Any:
+        way, heading = 0.1 * action[:, 0], state[:, 2]
+        return state + torch.stack((way * torch.cos(heading), way * torch.sin(heading), 0.1 * action[:, 1]), 1)
+
+    def cost(state: Any, action: Any) -> Any:
+        del action
+        return torch.norm(state[:, :2] - 8.0, dim=1) + 100.0 * (torch.cdist(state[:, :2], discs) < 0.5).any(dim=1)
+
+    most = torch.tensor([0.6, 1.5])
+    planner = MPPI(
+        dynamics, cost, 3, torch.diag(most**2), num_samples=256, horizon=30, u_min=-most, u_max=most, u_init=0.0 * most
+    )
+
+    def steps() -> int:
+        for _ in range(2):
+            planner.command(torch.zeros(3))
+        return 2
+
+    return steps
+
+
+def _by_do_mpc() -> Steps:
+    """Returns decisions of a unicycle with bounds on speed and yaw rate, which moves to a place by IPOPT."""
+    import casadi
+    import do_mpc
+
+    model = do_mpc.model.Model("continuous")
+    x, y, heading = (model.set_variable("_x", name) for name in ("x", "y", "heading"))
+    v, w = (model.set_variable("_u", name) for name in ("v", "w"))
+    for name, rate_of in (("x", v * casadi.cos(heading)), ("y", v * casadi.sin(heading)), ("heading", w)):
+        model.set_rhs(name, rate_of)
+    model.setup()
+    planner = do_mpc.controller.MPC(model)
+    planner.settings.n_horizon, planner.settings.t_step, planner.settings.store_full_solution = 20, 0.1, False
+    planner.settings.supress_ipopt_output()
+    cost = (x - 2.0) ** 2 + (y - 1.0) ** 2
+    planner.set_objective(lterm=cost, mterm=cost)
+    planner.set_rterm(v=0.1, w=0.1)
+    for name, most in (("v", 0.6), ("w", 1.5)):
+        planner.bounds["lower", "_u", name], planner.bounds["upper", "_u", name] = -most, most
+    planner.setup()
+    start = np.zeros((3, 1))
+    planner.x0 = start
+    planner.set_initial_guess()
+
+    def steps() -> int:
+        planner.make_step(start)
+        return 1
+
+    return steps
+
+
+def deciding_steps(
+    policy: str, num_envs: int, num_threads: int, env_id: str = GOAL_REACHING, scenario: str = "clutter_10/test"
+) -> Steps:
+    """Returns a function that lets a policy decide a few times on the same observations of a task."""
     from wayfield.policies import Pilot, make
 
-    envs = gymnasium.make_vec(
-        GOAL_REACHING, num_envs, vectorization_mode="vector_entry_point", scenario="clutter_10/test", num_beams=72
-    )
+    beams = {"num_beams": 72} if env_id == GOAL_REACHING else {}
+    envs = gymnasium.make_vec(env_id, num_envs, vectorization_mode="vector_entry_point", scenario=scenario, **beams)
     pilot = Pilot(make(policy), envs, num_threads)
     observations, _ = envs.reset(seed=0)
     pilot.reset()
@@ -470,8 +546,11 @@ def measured(chosen: list[Contender], rounds: int, seconds: float) -> list[tuple
     is_flag=True,
     help="Instead: worlds of several bodies, beside RVO2 (pyrvo), navground and VMAS where there are.",
 )
+@click.option(
+    "--decisions", is_flag=True, help="Instead: planners of one robot, beside pytorch_mppi and do-mpc where there are."
+)
 @click.option("--memory", is_flag=True, help="Instead: the bytes a robot of every id (Linux).")
-def main(rounds: int, seconds: float, threads: int | None, crowded: bool, memory: bool) -> None:
+def main(rounds: int, seconds: float, threads: int | None, crowded: bool, decisions: bool, memory: bool) -> None:
     """Prints the environments' steps per second, beside those of CartPole."""
     if not 0.0 < seconds <= 60.0:  # NaN is neither
         raise click.UsageError(f"--seconds {seconds} must be above 0 and at most 60")
@@ -481,8 +560,8 @@ def main(rounds: int, seconds: float, threads: int | None, crowded: bool, memory
         _print_memory()
         return
     numba.set_num_threads(1)
-    if crowded:
-        for contender, value in measured(crowds(), rounds, seconds):
+    if crowded or decisions:
+        for contender, value in measured(crowds() if crowded else deciding(), rounds, seconds):
             print(f"{contender.name}, {contender.robots:,} at once: {value:,.0f} a second")
         return
     if threads is not None:
