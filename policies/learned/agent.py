@@ -411,7 +411,7 @@ def body_of(robot: Robot) -> Robot:
         if each.drive != robot.drive or robot.hull_radius != each.hull_radius:
             continue
         own = {name: getattr(each, name) for name in (*identified, "peak_wheel_speed", "turn_speed", "saturation")}
-        own |= {"response": each.response, "wheels": each.wheels, "sources": {}}
+        own |= {"response": each.response, "wheels": each.wheels, "track": each.track, "sources": {}}
         if dataclasses.replace(robot, **own).digest == each.digest:
             return each
     return robot

@@ -126,6 +126,8 @@ def outcomes(name: str, robot: Robot) -> tuple[int, int]:
 def test_an_agent_drives_its_base_with_a_delay_and_says_that_it_is_new() -> None:
     late = dataclasses.replace(LATE, name="measured", delay=(0.22, 0.25), saturation="wheels", response="continuous",
                                rated_wheel_speed=11.5, acceleration=0.9)  # fmt: skip
+    effective = tuple(dataclasses.replace(each, y=1.04 * each.y) for each in LATE.wheels)  # as `identify` writes them
+    late = dataclasses.replace(late, track=2.0 * LATE.wheels[1].y, wheels=effective)
     with pytest.warns(NewToAgent, match="a response of its own, predicted"):
         reached, touched = outcomes("ppo", late)
     assert reached >= 7
