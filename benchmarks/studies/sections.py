@@ -150,6 +150,8 @@ SECTIONS = (
         _claims(CONTESTS["goal-obstacles"], robot, ("vfh_plus", "scan_planner", "hybrid"))
         for robot in ("omni3", "omni4")
     ),
+    # a hull of 0.57 m with gains of its own: scenes, clock and movers of its class
+    _claims(CONTESTS["goal-obstacles"], "mir100", ("vfh_plus", "dwa", "scan_planner", "any_robot")),
     Section(
         DISTURBANCES,
         "Under disturbances",
