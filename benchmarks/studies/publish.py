@@ -216,7 +216,10 @@ def tables(section: Section, rows: Sequence[Row], command: str, decisions: bytes
 def scenarios(rows: Episodes) -> int:
     """Returns how many different scenarios the rows of the standings are about."""
     # contests have rows of the validation split and of the front too
-    tested = rows.where(split=("test", "claims", PUBLIC_SPLIT, "")) if "split" in rows.names else rows
+    tested = rows
+    if "split" in rows.names:
+        shown = ("test", "claims", PUBLIC_SPLIT, "")  # of whatever hull class
+        tested = rows.where(split=tuple(each for each in rows.unique("split") if each.partition("@")[0] in shown))
     names = [name for name in ("document", "contest", "scenario", "episode") if name in tested.names]
     return int(tested.numbered(*names).max()) + 1 if tested else 0
 
