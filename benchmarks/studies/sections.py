@@ -93,10 +93,10 @@ _MAIN = (
 )
 
 
-def _claims(contest: Contest, robot: str = "p3dx", policies: Sequence[str] = ()) -> Section:
+def _claims(contest: Contest, robot: str = "p3dx", policies: Sequence[str] = (), more: str = "") -> Section:
     """Returns the section of a contest with a robot, on the split that tells small differences."""
     stem, default = f"{contest.stem}_{robot}", robot == "p3dx"
-    options = f"--split claims --policies {','.join(policies or contest.claims)}"
+    options = f"--split claims --policies {','.join(policies or contest.claims)}{more}"
     return Section(
         f"{contest.name}-claims" if default else f"{contest.name}-{robot}-claims",
         f"{contest.spec.title}, {'P3DX' if default else robot}, a hundred other scenarios a family",
@@ -151,7 +151,7 @@ SECTIONS = (
         for robot in ("omni3", "omni4")
     ),
     # a hull of 0.57 m with gains of its own: scenes, clock and movers of its class
-    _claims(CONTESTS["goal-obstacles"], "mir100", ("vfh_plus", "dwa", "scan_planner", "any_robot")),
+    _claims(CONTESTS["goal-obstacles"], "mir100", ("vfh_plus", "dwa", "scan_planner", "any_robot"), " --gains tuned"),
     Section(
         DISTURBANCES,
         "Under disturbances",
