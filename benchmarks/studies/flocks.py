@@ -186,7 +186,7 @@ def _rows_of(setting: Setting) -> list[Mapping[str, Any]]:
 
 
 def cases(
-    contest: Contest, course: Course, names: Sequence[str], count: int
+    contest: Contest, course: Course, names: Sequence[str], count: int, dynamics: str = "kinematic"
 ) -> Iterator[tuple[str, str, Callable[[], list[Mapping[str, Any]]]]]:
     """Yields of each case of a contest the entry, who drives beside it, and what returns its rows.
 
@@ -198,11 +198,11 @@ def cases(
             if of_law and case.gains_name != gains_name:
                 continue
             seed = f" seed {case.gains['seed']}" if "seed" in case.gains else ""
-            setting = Setting(contest.name, case, "kinematic", "lagged", 0, count, members=course.members[:count])
+            setting = Setting(contest.name, case, dynamics, "lagged", 0, count, members=course.members[:count])
             yield f"{case.policy}{of_law}{seed}", case.beside, functools.partial(_rows_of, setting)
 
 
-def people_parts(names: Sequence[str], worlds: int) -> Iterator[Part]:
+def people_parts(names: Sequence[str], worlds: int, dynamics: str = "kinematic") -> Iterator[Part]:
     """Yields the parts among people: an entry in a family of a contest."""
     for label, contest in PEOPLE_CONTESTS.items():
         courses, count = [Course(each, "claims") for each in PEOPLE_FAMILIES], worlds
@@ -213,7 +213,7 @@ def people_parts(names: Sequence[str], worlds: int) -> Iterator[Part]:
             count = CROWDS
             courses = [Course("attngraph_20", "claims", steps=2 * CROWDNAV_CLOCK)]
         for course in courses:
-            for entry, _, rows in cases(contest, course, names, count):
+            for entry, _, rows in cases(contest, course, names, count, dynamics):
 
                 def drives(rows: Any = rows) -> list[Sequence[Any]]:
                     return [[_text(row[name]) for name in _MEASURED] for row in rows()]
