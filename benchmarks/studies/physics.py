@@ -40,15 +40,11 @@ TABLE, PAPERS, PAGE = RESULTS / "physics.csv", RESULTS / "physics_papers.csv", R
 # measured once, by sim_to_sim.py and domain.py of commit 430ee4b9
 CHAIN, DOMAIN = RESULTS / "physics_chain.csv", RESULTS / "physics_domain.csv"
 NUMBERS = ("metres", "apart", "turned_apart", "speed_error", "yaw_rate_error")
-TEAMS, ALL_TEAMS = RESULTS / "physics_teams.csv", RESULTS / "flocks.csv"  # in MuJoCo, and on the kinematic plant
-TEAM_LAW, TEAM_AGENT = f"vfh_plus{flocks.TUNED}", "team_scan"
-OPEN_FAMILIES = tuple(
-    name
-    for name, family in TEAM_FAMILIES.items()
-    if not family.walled and not name.startswith(flocks.TURNED) and family.team <= LARGEST_TEAMS["mujoco"]
-)
+# in MuJoCo; on the kinematic plant they are those of flocks.FILES
+OTHERS = {"teams": RESULTS / "physics_teams.csv", "people": RESULTS / "physics_people.csv.xz"}
+TEAM_LAW, CROWD_LAW = f"vfh_plus{flocks.TUNED}", f"orca_team{flocks.TUNED}"
 SEEDS = 3  # of the agent
-WORLDS = 2  # of each family of teams
+WORLDS = 10  # of each family of teams
 ROBOT, AGENT = "p3dx", "ppo"
 FIELDS = ("plant", "verdict", "family", "block", "policy", "scene", "success", "collision", "cost", "speed")
 PAPER_FIELDS = ("plant", "document", "experiment", "policy", "outcome", "figures")
@@ -165,13 +161,38 @@ def matched(rows: Sequence[Row], verdict: Verdict, plant: str, metric: str) -> t
     return first, other, [family for family, _ in keys]
 
 
-IN_TEAMS = Verdict("teams in the open", "teams", "open", "claims", TEAM_LAW, "tuned", 1)
+def team_families(walled: bool) -> tuple[str, ...]:
+    """Returns the families of teams, with or without walls, that MuJoCo drives."""
+    most = LARGEST_TEAMS["mujoco"]
+    turned = [name for name in TEAM_FAMILIES if name.startswith(flocks.TURNED)]
+    return tuple(
+        k for k, each in TEAM_FAMILIES.items() if each.walled is walled and each.team <= most and k not in turned
+    )
+
+
+class Among(NamedTuple):
+    """A verdict of README on robots among others."""
+
+    where: str
+    controller: str
+    agent: str
+    rows: str  # a key of OTHERS
+    of: tuple[str, ...]  # families of teams, or contests of people
+    decides: str = "success"
+
+
+AMONG = (
+    Among("teams in the open", TEAM_LAW, "team_scan", "teams", team_families(walled=False)),
+    Among("teams at doors and in rooms", TEAM_LAW, AGENT, "teams", team_families(walled=True)),
+    Among("CrowdNav's five pedestrians", CROWD_LAW, "people_free", "people", ("crowdnav",)),
+    Among("AttnGraph's crowd of 20", CROWD_LAW, "people_free", "people", ("attngraph",)),
+)
 
 
 class Line(NamedTuple):
     """A verdict on a plant."""
 
-    verdict: Verdict
+    verdict: Verdict | Among
     plant: str
     scenes: int
     controller: float  # %, mm or s
@@ -212,31 +233,41 @@ def line(rows: Sequence[Row], verdict: Verdict, plant: str) -> Line | None:
     return Line(verdict, plant, len(first), float(first.mean()), float(other.mean()), change)
 
 
-def team_line(plant: str, rows: Sequence[Row]) -> Line:
-    """Returns what the verdict of teams comes to on a plant, in the worlds that were driven in MuJoCo."""
-    entries = (TEAM_LAW, *flocks.entries(TEAM_AGENT))
-    solved = {(row["policy"], row["family"], row["world"]): float(row["solved"]) for row in rows}
-    driven = Counter((row["family"], row["world"]) for row in read(TEAMS))
+def among_line(among: Among, plant: str) -> Line:
+    """Returns what a verdict on robots among others comes to on a plant, in the worlds that were driven in MuJoCo."""
+    entries = (among.controller, *flocks.entries(among.agent))
+    of_plant = {"mujoco": OTHERS[among.rows], "kinematic": RESULTS / flocks.FILES[among.rows]}
+    solved = {
+        name: {
+            (row["policy"], row["family"], row["world"]): float(row.get("solved") or row["success"])
+            for row in read(file)
+            if row.get("contest", row["family"]) in among.of and row["policy"] in entries
+        }
+        for name, file in of_plant.items()
+    }
+    driven = Counter((family, world) for _, family, world in solved["mujoco"])
     worlds = [world for world, count in driven.items() if count == len(entries)]
-    values = 100.0 * np.array([[solved[entry, *world] for entry in entries] for world in worlds])
+    values = 100.0 * np.array([[solved[plant][entry, *world] for entry in entries] for world in worlds])
     gain = difference(values[:, :1] / 100.0, values[:, 1:] / 100.0, [family for family, _ in worlds], "share")
     scaled = Difference(100.0 * gain.value, 100.0 * gain.low, 100.0 * gain.high, gain.p, gain.limit)
-    return Line(IN_TEAMS, plant, len(worlds), float(values[:, 0].mean()), float(values[:, 1:].mean()), scaled)
+    return Line(among, plant, len(worlds), float(values[:, 0].mean()), float(values[:, 1:].mean()), scaled)
 
 
-def _team_lines(lines: Sequence[Line], said: dict[tuple[str, str], str]) -> list[str]:
-    """Returns the section of teams."""
-    shown = [_shown(each, said[IN_TEAMS.where, each.plant]) for each in lines]
-    return [
+def _among_lines(lines: Sequence[Line], said: dict[tuple[str, str], str]) -> list[str]:
+    """Returns the section of teams and crowds."""
+    text = [
         "",
-        "## Teams in the open",
+        "## Teams and crowds",
         "",
-        f"`{TEAM_LAW}` vs. agent `{TEAM_AGENT}`: success rate of teams of 2, 4 and 8 omni robots in scenes without "
-        "walls, the same scenes on both plants. pymunk drives no teams. In MuJoCo the robots of a scene share a model, "
-        "and push each other in a collision.",
-        "",
-        table(shown, ("plant", "value", "difference", "scenes", "outcome")),
+        "Success rates of teams of 2, 4 and 8 omni robots and of an omni robot in crowds, the same scenes on both "
+        "plants; pymunk drives neither. In MuJoCo the robots of a scene share a model, and push each other in a "
+        "collision.",
     ]
+    for among in AMONG:
+        shown = [_shown(each, said[among.where, each.plant]) for each in lines if each.verdict is among]
+        title = f"{among.where[0].upper()}{among.where[1:]}, `{among.controller}` vs. agent `{among.agent}`:"
+        text += ["", title, "", table(shown, ("plant", "value", "difference", "scenes", "outcome"))]
+    return text
 
 
 def _shown(each: Line, said: str) -> list[str]:
@@ -254,16 +285,16 @@ def _shown(each: Line, said: str) -> list[str]:
 def page(rows: Sequence[Row], papers: Sequence[Row], chain: Sequence[Row], trained: Sequence[Row]) -> str:
     """Returns the page."""
     lines = [made for verdict in VERDICTS for plant in IN_PROCESS if (made := line(rows, verdict, plant))]
-    teams = [team_line(plant, read(file)) for plant, file in (("kinematic", ALL_TEAMS), ("mujoco", TEAMS))]
-    lines += teams
+    others = [among_line(among, plant) for among in AMONG for plant in ("kinematic", "mujoco")]
+    lines += others
     corrected = holm([each.gain.p for each in lines])
     said = {(each.verdict.where, each.plant): each.said(p) for each, p in zip(lines, corrected, strict=True)}
     text = [
         "# Does it hold in another physics?",
         "",
         "`kinematic` and `pymunk` are plants of this project; [MuJoCo](../environments.md#mujoco) is not. Here the "
-        "README's verdicts of one robot are driven on all three: P3DX, tier `lagged`, the same scenes, starts, gains "
-        "and agents. Nothing was tuned on pymunk or MuJoCo. Crowds are not here.",
+        "README's verdicts of one robot are driven on all three, those of teams and crowds on two: tier `lagged`, the "
+        "same scenes, starts, gains and agents. Nothing was tuned on pymunk or MuJoCo.",
         "",
         _summary(said),
         "",
@@ -281,7 +312,7 @@ def page(rows: Sequence[Row], papers: Sequence[Row], chain: Sequence[Row], train
         shown = [_shown(each, said[verdict.where, each.plant]) for each in mine]
         text += [table(shown, ("plant", "value", "difference", "scenes", "outcome"))]
         text += ["", _moved(rows, verdict)]
-    text += _team_lines(teams, said)
+    text += _among_lines(others, said)
     return "\n".join([*text, *_paper_lines(papers), *_chain_lines(chain), *_domain_lines(trained), ""])
 
 
@@ -294,7 +325,10 @@ def _summary(said: dict[tuple[str, str], str]) -> str:
     if there:
         text = f"**{len(same)} of {len(there)} verdicts have the same outcome on all three plants."
         text += f" {len(turned) or 'None'} {'turns' if len(turned) < 2 else 'turn'} round.**"
-    differ = [where for where in there if where not in same]
+    others = {among.where: {said[among.where, plant] for plant in ("kinematic", "mujoco")} for among in AMONG}
+    alike = [where for where, outcomes in others.items() if len(outcomes) == 1]
+    text += f" Of {len(others)} verdicts of teams and crowds, {len(alike)} have the same outcome on both plants."
+    differ = [where for where in (*there, *others) if where not in (*same, *alike)]
     if lacking := [verdict.where for verdict in VERDICTS if verdict.where not in there]:
         text += f" No verdict yet, for too few scenes have been driven, or none: {', '.join(lacking)}."
     return text.strip() + (f" The outcome differs in: {', '.join(differ)}." if differ else "")
@@ -425,8 +459,14 @@ def main(drives: bool, blocks: int, plants: str) -> None:
     if drives:
         drive_missing(PAPERS, PAPER_FIELDS, paper_parts(plants.split(",")))
         drive_missing(TABLE, FIELDS, parts(plants.split(","), blocks))
-        team_parts = flocks.team_parts((TEAM_LAW, TEAM_AGENT), OPEN_FAMILIES, WORLDS, WORLDS, "mujoco")
-        drive_missing(TEAMS, flocks.TEAM_FIELDS, team_parts)
+        for among in AMONG:
+            names = among.controller, among.agent
+            if among.rows == "teams":
+                entered = flocks.team_parts(names, among.of, WORLDS, WORLDS, "mujoco")
+                drive_missing(OTHERS["teams"], flocks.TEAM_FIELDS, entered)
+            else:
+                entered = (each for each in flocks.people_parts(names, 1, "mujoco") if each[0]["contest"] in among.of)
+                drive_missing(OTHERS["people"], flocks.PEOPLE_FIELDS, entered)
     write_whole(PAGE, page(read(TABLE), read(PAPERS), read(CHAIN), read(DOMAIN)).encode())
 
 
