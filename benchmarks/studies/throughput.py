@@ -457,7 +457,7 @@ def deciding_steps(
     """Returns a function that lets a policy decide a few times on the same observations of a task."""
     from wayfield.policies import Pilot, make
 
-    beams = {"num_beams": 72} if env_id == GOAL_REACHING else {}
+    beams: dict[str, Any] = {"num_beams": 72} if env_id == GOAL_REACHING else {}
     envs = gymnasium.make_vec(env_id, num_envs, vectorization_mode="vector_entry_point", scenario=scenario, **beams)
     pilot = Pilot(make(policy), envs, num_threads)
     observations, _ = envs.reset(seed=0)
