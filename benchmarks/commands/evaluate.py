@@ -241,7 +241,7 @@ figures (.svg, .png). Give the same command again to continue an interrupted run
     "--workers",
     "count",
     type=click.IntRange(min=1),
-    help="Processes that share the work.  [default: a core each, at most 4; of a --quick that need not compile, 1]",
+    help="Processes that share the work.  [default: a core each, at most 4; for --quick, once it is compiled, 1]",
 )
 @on_cluster
 def main(**given: Any) -> None:

@@ -233,10 +233,10 @@ def line(rows: Sequence[Row], verdict: Verdict, plant: str) -> Line | None:
     return Line(verdict, plant, len(first), float(first.mean()), float(other.mean()), change)
 
 
-def among_line(among: Among, plant: str) -> Line:
-    """Returns what a verdict on robots among others comes to on a plant, in the worlds that were driven in MuJoCo."""
+def among_lines(among: Among) -> Iterator[Line]:
+    """Yields what a verdict on robots among others comes to on both plants, in the worlds that MuJoCo drove."""
     entries = (among.controller, *flocks.entries(among.agent))
-    of_plant = {"mujoco": OTHERS[among.rows], "kinematic": RESULTS / flocks.FILES[among.rows]}
+    of_plant = {"kinematic": RESULTS / flocks.FILES[among.rows], "mujoco": OTHERS[among.rows]}
     solved = {
         name: {
             (row["policy"], row["family"], row["world"]): float(row.get("solved") or row["success"])
@@ -247,13 +247,14 @@ def among_line(among: Among, plant: str) -> Line:
     }
     driven = Counter((family, world) for _, family, world in solved["mujoco"])
     worlds = [world for world, count in driven.items() if count == len(entries)]
-    values = 100.0 * np.array([[solved[plant][entry, *world] for entry in entries] for world in worlds])
-    gain = difference(values[:, :1] / 100.0, values[:, 1:] / 100.0, [family for family, _ in worlds], "share")
-    scaled = Difference(100.0 * gain.value, 100.0 * gain.low, 100.0 * gain.high, gain.p, gain.limit)
-    return Line(among, plant, len(worlds), float(values[:, 0].mean()), float(values[:, 1:].mean()), scaled)
+    for plant, mine in solved.items():
+        values = 100.0 * np.array([[mine[entry, *world] for entry in entries] for world in worlds])
+        gain = difference(values[:, :1] / 100.0, values[:, 1:] / 100.0, [family for family, _ in worlds], "share")
+        scaled = Difference(100.0 * gain.value, 100.0 * gain.low, 100.0 * gain.high, gain.p, gain.limit)
+        yield Line(among, plant, len(worlds), float(values[:, 0].mean()), float(values[:, 1:].mean()), scaled)
 
 
-def _among_lines(lines: Sequence[Line], said: dict[tuple[str, str], str]) -> list[str]:
+def _among_section(lines: Sequence[Line], said: dict[tuple[str, str], str]) -> list[str]:
     """Returns the section of teams and crowds."""
     text = [
         "",
@@ -285,7 +286,7 @@ def _shown(each: Line, said: str) -> list[str]:
 def page(rows: Sequence[Row], papers: Sequence[Row], chain: Sequence[Row], trained: Sequence[Row]) -> str:
     """Returns the page."""
     lines = [made for verdict in VERDICTS for plant in IN_PROCESS if (made := line(rows, verdict, plant))]
-    others = [among_line(among, plant) for among in AMONG for plant in ("kinematic", "mujoco")]
+    others = [each for among in AMONG for each in among_lines(among)]
     lines += others
     corrected = holm([each.gain.p for each in lines])
     said = {(each.verdict.where, each.plant): each.said(p) for each, p in zip(lines, corrected, strict=True)}
@@ -312,7 +313,7 @@ def page(rows: Sequence[Row], papers: Sequence[Row], chain: Sequence[Row], train
         shown = [_shown(each, said[verdict.where, each.plant]) for each in mine]
         text += [table(shown, ("plant", "value", "difference", "scenes", "outcome"))]
         text += ["", _moved(rows, verdict)]
-    text += _among_lines(others, said)
+    text += _among_section(others, said)
     return "\n".join([*text, *_paper_lines(papers), *_chain_lines(chain), *_domain_lines(trained), ""])
 
 
