@@ -224,4 +224,6 @@ def check_keywords(env: Callable[..., SingleEnv], keywords: Iterable[str], furth
                 suggestion(word, (*known, "max_episode_steps", "num_envs")),
                 getattr(env, "__name__", "the environment"),
             )
-            raise TypeError(f"{name} has no keyword argument {shown(word)}.{near} Choose from {', '.join(known)}.")
+            # Python's own words: TorchRL tries a keyword of its own, and leaves it out where the error has them
+            said = f"{name} got an unexpected keyword argument {shown(word)}"
+            raise TypeError(f"{said}.{near} Choose from {', '.join(known)}.")

@@ -16,10 +16,20 @@ IDS = [env_id for spec in TASKS.values() for env_id in spec.ids.values()]
 @pytest.mark.parametrize("env_id", IDS)
 def test_a_wrong_keyword_names_the_class_of_the_id_and_the_nearest_keyword(env_id: str) -> None:
     name = env_id.removeprefix("wayfield/").removesuffix("-v0")
-    with pytest.raises(TypeError, match=rf"^{name} has no keyword argument 'scenari'. Did you mean 'scenario'\?"):
+    with pytest.raises(
+        TypeError, match=rf"^{name} got an unexpected keyword argument 'scenari'. Did you mean 'scenario'\?"
+    ):
         gymnasium.make(env_id, scenari="x")
-    with pytest.raises(TypeError, match=rf"^{name} has no keyword argument 'scenari'. Did you mean 'scenario'\?"):
+    with pytest.raises(
+        TypeError, match=rf"^{name} got an unexpected keyword argument 'scenari'. Did you mean 'scenario'\?"
+    ):
         gymnasium.make_vec(env_id, 2, vectorization_mode="vector_entry_point", scenari="x")
+
+
+def test_a_wrong_keyword_is_told_in_the_words_of_python() -> None:
+    # TorchRL's GymEnv makes every environment with this keyword, and without it where the error has these words
+    with pytest.raises(TypeError, match="unexpected keyword argument 'frameskip'"):
+        gymnasium.make(IDS[0], frameskip=1)
 
 
 def test_a_seed_is_for_reset() -> None:
