@@ -127,7 +127,7 @@ def check(log: Log, cut: bool = False) -> Checked:
     jitter = float(np.quantile(np.abs(intervals - np.median(intervals)), 0.95)) if len(intervals) else 0.0
     if jitter > MOST_JITTER:
         warnings.append(f"commands come irregularly: 5 % of their intervals are {1e3 * jitter:.0f} ms or more off")
-    _check_following(drive)
+    warnings += _check_following(drive)
     warnings += _offsets(drive, tops)
     for axis, values in enumerate(speeds.T):
         if (step := resolution(values)) > COARSE * tops[axis]:
@@ -305,12 +305,29 @@ def _offsets(drive: Drive, tops: Floats) -> list[str]:
     return offsets
 
 
-def _check_following(drive: Drive) -> None:
-    """Raises ValueError where odometry is ahead of its commands, against them, in other units, or of something else."""
-    best = []
+def _check_following(drive: Drive) -> list[str]:
+    """Returns a line for each speed that does not follow its commands.
+
+    Raises:
+        ValueError: where odometry is ahead of its commands, against them, in other units, or of something else.
+    """
+    best, lines = [], []
     for axis in commanded(drive):
+        values, most = np.unique(drive.speeds[:, axis]), np.abs(drive.commands[:, axis]).max()
+        if len(values) <= 2:  # a stuck sensor, or a switch: both ends are taken as clipped, and none is left
+            raise ValueError(
+                f"the {NAMES[axis]} of odometry is {' or '.join(f'{each:.3g}' for each in values)} {UNITS[axis]} in "
+                f"all messages, while up to {most:.3g} is commanded: nothing can be fitted to it; is it measured?"
+            )
         lead, highest, lowest, ratio = _agreement(drive, axis)
         best.append(highest)
+        if highest < UNRELATED:
+            lost = ", and is never below 0 though its commands are: is its sign lost?"
+            unsigned = values[0] >= 0.0 > drive.commands[:, axis].min()
+            lines.append(
+                f"the {NAMES[axis]} of odometry does not follow its commands (correlation {highest:.2f})"
+                f"{lost if unsigned else ': its numbers below mean little'}"
+            )
         if -lowest > max(AGREES, highest + 0.1):
             raise ValueError(
                 f"the {NAMES[axis]} of odometry goes against its commands (correlation {lowest:.2f}): "
@@ -330,6 +347,7 @@ def _check_following(drive: Drive) -> None:
             f"odometry does not follow the commands (correlation {max(best, default=0.0):.2f} at best): the base did "
             "not move, the topic is not what drives it, or the axes are swapped"
         )
+    return lines
 
 
 def _agreement(drive: Drive, axis: int) -> tuple[float, float, float, float]:

@@ -115,6 +115,12 @@ def bad() -> Iterator[tuple[str, str, str]]:
     held = np.where((drive.times > 30.0)[:, None], drive.speeds[400], drive.speeds)
     yield "hung", table(changed(drive, speeds=held)), "was it switched off"
     few = slice(None, None, 6)
+    stuck = (
+        np.where([True, False], 0.07, drive.speeds),
+        np.where([False, True], 2.0 * (drive.speeds > 1.0), drive.speeds),
+    )
+    yield "stuck", table(changed(drive, speeds=stuck[0])), "forward speed of odometry is 0.07 m/s in all messages"
+    yield "a switch", table(changed(drive, speeds=stuck[1])), "yaw rate of odometry is 0 or 2 rad/s in all messages"
     yield "slow", table(changed(drive, times=drive.times[few], speeds=drive.speeds[few])), "5 Hz or faster"
     yield "early", table(changed(drive, command_times=drive.command_times + 0.6)), "different clocks"
     yield "NaN", table(drive).replace(",,,0.0", ",,,nan", 1).replace(",,,-", ",,,nan-", 1), "must be a finite number"
@@ -262,6 +268,19 @@ def test_odometry_that_hangs_is_left_out_and_a_base_that_does_what_is_commanded_
     legs = np.repeat([[0.2, 0.0], [0.0, 0.0], [-0.2, 0.5], [0.1, -1.0], [0.0, 1.0]], 200, axis=0)
     times = 0.05 * np.arange(len(legs))
     check(Log("drive.csv", "", "table", times, legs, times + 0.1, 0.8 * legs))
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_speed_of_odometry_that_does_not_follow_is_told_by_its_name(axis: int) -> None:
+    drive, name = driven(), ("forward speed", "yaw rate")[axis]
+    signless, noise = drive.speeds.copy(), drive.speeds.copy()
+    signless[:, axis] = np.abs(signless[:, axis])
+    noise[:, axis] = np.random.default_rng(0).normal(0.0, 0.1, len(noise))
+    for speeds, told in ((signless, "is its sign lost?"), (noise, "mean little")):
+        lines = [each for each in check(log_of(changed(drive, speeds=speeds))).warnings if "does not follow" in each]
+        assert len(lines) == 1
+        assert lines[0].startswith(f"the {name} of odometry")
+        assert told in lines[0]
 
 
 def test_odometry_that_never_goes_backward_is_clipped_at_0() -> None:
