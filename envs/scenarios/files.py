@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from wayfield.envs.scenarios.maps import MAP_SUFFIXES, map_of
+from wayfield.envs.scenarios.maps import MAP_SUFFIXES, map_of, note_degrees
 from wayfield.envs.scenarios.obstacles import box, circle, moving_circle, obstacle_field, wall
 from wayfield.envs.scenarios.scenario import GoalScenario, PathScenario
 from wayfield.envs.scenarios.tables import (
@@ -29,10 +29,8 @@ from wayfield.system.checks import (
     FARTHEST,
     MOST_OBSTACLES,
     MOST_POINTS,
-    WHOLE_TURN,
     numbers_of,
     pose,
-    real,
     shown,
     suggestion,
 )
@@ -196,13 +194,14 @@ def of_no_scenario(file: str, wanted: str, kind: str = _GOAL) -> ValueError:
     return fault(file, f"is a map; a scenario also has a start and a {kind}: write {example} to mine.json beside it")
 
 
-def _note_degrees(file: str, fields: Mapping[str, Any], *names: str) -> None:
-    """Says of a heading beyond a turn that it is read in radians."""
-    for name in dict.fromkeys(names):
+def _note_degrees(file: str, fields: Mapping[str, Any], *poses: str) -> None:
+    """Says of headings beyond a turn, and of tolerances and ranges beyond half of one, that they are in radians."""
+    for name in dict.fromkeys(poses):
         value = fields.get(name)
-        if isinstance(value, list) and len(value) == 3 and abs(real(value[2])) > WHOLE_TURN:
-            note = f"{file}: {name}[2] is {value[2]:g} rad, more than a turn; degrees must be multiplied by pi / 180"
-            warnings.warn(note, FileNote, stacklevel=3)
+        if isinstance(value, list) and len(value) == 3:
+            note_degrees(file, f"{name}[2]", value[2])
+    for name in ("start_turn", "heading_tolerance"):  # half ranges: half a turn is all there is
+        note_degrees(file, name, fields.get(name), half=True)
 
 
 def _pose_of(file: str, field: str, value: Any) -> tuple[float, float, float]:
@@ -257,6 +256,7 @@ def _obstacle(file: str, place: str, value: Any) -> np.void:
         raise fault(file, f"{place}.kind is {shown(kind)}; it must be one of {', '.join(_OBSTACLE_KINDS)}.{near}")
     patrol = arguments.pop("patrol", None) if kind == "circle" else None
     _check_arguments(file, f"{place}.", arguments, _OBSTACLE_KINDS[kind])
+    note_degrees(file, f"{place}.heading", arguments.get("heading"))
     try:
         if patrol is None:
             return _OBSTACLE_KINDS[kind](**arguments)

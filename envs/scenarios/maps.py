@@ -21,8 +21,19 @@ from PIL import Image, UnidentifiedImageError
 from wayfield.envs.scenarios.arrays import stored_array
 from wayfield.envs.scenarios.scenario import GoalScenario
 from wayfield.envs.world.grids import BEYOND, MOST_CELLS, OccupancyGrid, check_size
-from wayfield.system.checks import FARTHEST, MOST_OBSTACLES, choose, number, pose, real, repeated, shown, suggestion
-from wayfield.system.objects import check_keys, check_ordinary, fault, read_text
+from wayfield.system.checks import (
+    FARTHEST,
+    MOST_OBSTACLES,
+    WHOLE_TURN,
+    choose,
+    number,
+    pose,
+    real,
+    repeated,
+    shown,
+    suggestion,
+)
+from wayfield.system.objects import FileNote, check_keys, check_ordinary, fault, read_text
 from wayfield.system.readers import reader
 
 IMAGE_SUFFIXES = (".pgm", ".png", ".pbm", ".ppm", ".bmp")
@@ -294,6 +305,14 @@ def _problem(file: str, line: str) -> Problem:
     )
 
 
+def note_degrees(file: str, field: str, value: Any, half: bool = False) -> None:
+    """Says of an angle beyond a turn, or half of one, that it is read in radians."""
+    turns = abs(real(value)) / WHOLE_TURN
+    if (0.52 if half else 1.0) < turns < math.inf:  # 3.2 is written for half a turn
+        more = f"{field} is {value:g} rad, more than {'half ' * half}a turn"
+        warnings.warn(f"{file}: {more}; degrees must be multiplied by pi / 180", FileNote, stacklevel=3)
+
+
 def _number(text: Any) -> Any:
     """Returns the number of a numeral, which YAML 1.1 leaves as text where it is 5e-2; anything else as it is."""
     return float(text) if isinstance(text, str) and _NUMERAL.fullmatch(text) else text
@@ -358,6 +377,7 @@ def _grid_of(file: str, content: str, settings: dict[str, Any], unknown: str) ->
     origin = settings.get("origin", (0.0, 0.0, 0.0))
     if isinstance(origin, list | tuple):
         origin = tuple(_number(each) for each in origin)
+        note_degrees(file, "origin[2]", origin[-1] if len(origin) == 3 else None)
     origin = pose("origin", origin)
     number("resolution", settings["resolution"], above=0.0)
     suffix = os.path.splitext(content)[1].lower()

@@ -17,6 +17,7 @@ from PIL import Image
 
 from wayfield.envs.scenarios import goal_scenarios, maps
 from wayfield.envs.scenarios.files import field_scenario_from_file
+from wayfield.system.objects import FileNote
 
 YAML = """image: room.pgm
 resolution: 0.5
@@ -75,6 +76,13 @@ def test_thresholds_and_modes_of_a_ros_map(tmp_path: Path, lines: str, occupied:
     grid = maps.grid_from_file(str(tmp_path / "other.yaml"), "free")
     assert grid.occupied[-1].astype(int).tolist() == occupied
     assert grid.origin == (-1.0, -2.0, 0.3)
+
+
+def test_an_origin_in_degrees_is_told_of(tmp_path: Path) -> None:
+    good(tmp_path)
+    (tmp_path / "other.yaml").write_text("image: room.png\nresolution: 0.5\norigin: [-1, -2, 90]\n", encoding="utf-8")
+    with pytest.warns(FileNote, match=r"other.yaml: origin\[2\] is 90 rad, more than a turn; degrees must be"):
+        maps.grid_from_file(str(tmp_path / "other.yaml"))
 
 
 def map_server(colours: NDArray[np.uint8], settings: dict[str, Any]) -> NDArray[np.int64]:

@@ -325,6 +325,13 @@ def test_scenarios_of_another_task_are_refused(scenario: Any, told: str) -> None
     ("fields", "said"),
     [
         ({"start": [0, 0, 90], "goal": [5, 0, 0]}, r"start\[2\] is 90 rad, more than a turn; degrees must be"),
+        ({"goal": [5, 0, 0], "heading_tolerance": 5}, "heading_tolerance is 5 rad, more than half a turn; degrees"),
+        ({"goal": [5, 0, 0], "start_turn": 90}, "start_turn is 90 rad, more than half a turn"),
+        (
+            {"goal": [5, 0, 0], "obstacles": [{"kind": "box", "x": 2, "y": 2, "length": 1, "width": 2, "heading": 45}]},
+            r"obstacles\[0\].heading is 45 rad, more than a turn",
+        ),
+        ({"goal": [5, 0, 0], "heading_tolerance": 3.2, "start_turn": 3.15}, ""),
         ({"start": [1, 2, 0.01], "goal": [1, 2.05, 0]}, "the robot starts at its goal; the episode ends at"),
         ({"start": [0, 0, -6.28], "goal": [5, 0, 6.28]}, ""),
         ({"start": [1, 2, 0], "goal": [1, 2, 0], "waypoints": [[3, 3]]}, ""),
