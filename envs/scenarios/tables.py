@@ -202,6 +202,8 @@ def _layout(file: str, lines: list[str], timed: bool) -> _Layout:
     names: list[str] = []
     columns = None
     for i, line in enumerate(lines):
+        if i == 0 and re.fullmatch(r"sep=\S?", line.strip(), re.IGNORECASE):
+            continue  # Excel writes it, and hides it
         if line.lstrip().startswith("#"):
             header = _header(line)
             if xy := _xy_columns(file, i + 1, header):

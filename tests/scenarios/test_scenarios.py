@@ -293,6 +293,7 @@ def test_xy_tables_of_every_form_agree(tmp_path: FilePath) -> None:
         "old_mac.txt": "\r".join(f"{x} {y}" for x, y in points),
         "header.csv": "t,Y,x,note\n" + "".join(f"7,{y},{x},fine\n" for x, y in points),
         "savetxt.csv": "# x y\n\n" + "".join(f"{x} {y}  # here, or so\n" for x, y in points),
+        "excel.csv": "\ufeffsep=;\r\nx;y\r\n" + "".join(f"{x};{y}\r\n" for x, y in points),
         "marked.CSV": "\ufeffx_m,y_m\n" + "".join(f"{x},{y}\n" for x, y in points),
         "coppelia.csv": "".join(f"{x},{y},0.1,0,0,0,1\n" for x, y in points),
         "coppelia.txt": "".join(f"{x} {y} 0.1 0 0 0 1\n" for x, y in points),
