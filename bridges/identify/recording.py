@@ -75,7 +75,8 @@ def read_log(files: Sequence[str | Path], topics: Topics | None = None, stamps: 
         files: one bag: a .bag of ROS 1, a folder of ROS 2 with sqlite3 or MCAP, a bare .mcap or .db3; or one or two
             .csv.
         topics: of a bag.
-        stamps: "header" or "arrival"; "auto" takes headers where commands have them, else arrivals for all.
+        stamps: "header" or "arrival"; "auto" takes headers where commands and odometry have them, not left
+            at 0, else arrivals for all.
 
     Raises:
         ValueError: in one line, if the file is none of those, damaged, lacks a topic, or holds what is no number.
@@ -336,6 +337,10 @@ def _messages(
             raise _Refused(
                 f"{file}: message {at} of topic {topic} holds {shown(table[at, 1:].tolist())}; all must be finite"
             )
+        if by_header and wanted[topic] is not SCANS and not table[:, 0].any():  # headers that nobody filled in
+            if stamps == "header":
+                raise _Refused(f"{file}: --stamps header, but all those of topic {topic} are 0")
+            return _messages(file, source, deserialize, wanted, "arrival")
         results[topic] = table, "header" if by_header else "arrival", np.array(arrivals[topic])
     return results
 

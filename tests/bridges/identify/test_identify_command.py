@@ -401,6 +401,7 @@ def messages(store: Any, first: bool) -> dict[str, list[tuple[int, Any]]]:
         "/pose": [],
         "/scan": [],
         "/text": [],
+        "/unstamped": [],
     }
     for k in range(40):
         sec, nanosec = 100 + k // 10, (k % 10) * 10**8
@@ -437,6 +438,9 @@ def messages(store: Any, first: bool) -> dict[str, list[tuple[int, Any]]]:
         found["/scan"].append(
             (arrival, of("sensor_msgs/msg/LaserScan", header, 0.0, 6.0, 1.0, 0.0, 0.2, 0.1, 5.0, ranges, ranges))
         )
+        never = of("builtin_interfaces/msg/Time", 0, 0)
+        blank = of("std_msgs/msg/Header", *((k, never, "") if first else (never, "")))
+        found["/unstamped"].append((arrival, of("geometry_msgs/msg/TwistStamped", blank, twist)))
         found["/text"].append((arrival, of("std_msgs/msg/String", "a word")))
     return found
 
@@ -489,6 +493,13 @@ def test_every_kind_of_bag_reads_to_the_same_arrays(kind: str, tmp_path: Path) -
     assert abs(stamped.skew) < 1e-6
     assert stamped.stamps == "header"
     np.testing.assert_allclose(stamped.commands, log.commands)
+    # headers that were left at 0 are none
+    unstamped = read_log([file], Topics(cmd="/unstamped"))
+    assert unstamped.stamps == "arrival"
+    np.testing.assert_array_equal(unstamped.command_times, log.command_times)
+    np.testing.assert_array_equal(unstamped.times, log.times)
+    with pytest.raises(ValueError, match="--stamps header, but all those of topic /unstamped are 0"):
+        read_log([file], Topics(cmd="/unstamped"), "header")
 
 
 @pytest.mark.parametrize("kind", ["ros1", "sqlite3", "mcap", "bare"])
