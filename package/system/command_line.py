@@ -104,14 +104,24 @@ class OneLineErrors(click.Command):
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parses the words of the command and keeps them for `words_given`."""
         ctx.meta[_WORDS] = shlex.join(args)
+        words = list(args)  # click empties the list that it is given
         try:
-            return super().parse_args(ctx, args)
+            rest = super().parse_args(ctx, args)
+            given = self.make_parser(ctx).parse_args(words)[2]
         except click.UsageError as error:
             if "unexpected extra argument" not in error.message:
                 raise
             example = " --policies lqr,mpc" if any("--policies" in each.opts for each in self.params) else " a,b"
-            how = f"; an option takes one word, several values are separated by commas alone:{example}"
+            how = f"; each value stands behind its option, several are separated by commas alone:{example}"
             raise click.UsageError(error.message + how, ctx) from None
+        for option in {each: None for k, each in enumerate(given) if each in given[:k]}:
+            # click takes the last value and drops the others without a word
+            if isinstance(option, click.Option) and not (option.multiple or option.is_flag):
+                told = f"{option.opts[-1]} is given more than once"
+                if isinstance(option.type, Names):  # of which nobody drops some on purpose
+                    raise click.UsageError(f"{told}; several values are one word: a,b", ctx)
+                click.echo(f"{self.name}: {told}; the last counts", err=True)
+        return rest
 
     def _exit(self, status: int, message: str = "") -> NoReturn:
         try:

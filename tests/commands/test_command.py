@@ -29,7 +29,7 @@ from wayfield.benchmarks.figures.one_drive import Place
 from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios import GOAL_SCENARIOS, PATH_SCENARIOS, SPLITS, TASKS
 from wayfield.policies import ABOUT, POLICIES
-from wayfield.system.command_line import OneLineErrors
+from wayfield.system.command_line import Names, OneLineErrors
 from wayfield.system.extras import installs
 
 NOT_THERE = """
@@ -407,3 +407,22 @@ def test_what_is_said_of_compiled_code_is_a_line() -> None:
         warnings.warn("wayfield compiles anew in every process", RuntimeWarning, stacklevel=1)
 
     assert CliRunner().invoke(told).stderr == "evaluate: wayfield compiles anew in every process\n"
+
+
+def test_of_an_option_given_twice_the_last_counts_and_a_line_says_so() -> None:
+    @click.command("drive", cls=OneLineErrors)
+    @click.option("--seed", type=int)
+    @click.option("--force", is_flag=True)
+    @click.option("--set", "pairs", multiple=True)
+    @click.option("--policies", type=Names("--policies", ["lqr", "mpc"]))
+    def drive(seed: int, force: bool, pairs: tuple[str, ...], policies: tuple[str, ...]) -> None:
+        click.echo((seed, force, pairs, policies))
+
+    ended = CliRunner().invoke(
+        drive, ["--seed", "1", "--force", "--set", "a", "--seed", "2", "--set", "b", "--force", "--seed", "3"]
+    )
+    assert (ended.exit_code, ended.stdout) == (0, "(3, True, ('a', 'b'), None)\n")
+    assert ended.stderr == "drive: --seed is given more than once; the last counts\n"
+    ended = CliRunner().invoke(drive, ["--policies", "lqr", "--policies", "mpc"])
+    assert ended.exit_code == 2
+    assert ended.stderr == "drive: --policies is given more than once; several values are one word: a,b\n"

@@ -185,10 +185,14 @@ def test_the_ladder_runs_every_level_of_every_task(tmp_path: Path) -> None:
         (("--suite", "goal-obstacles", "--families", "cluter_10"), "Did you mean 'clutter_10'?"),
         (("--robot", "p3dx"), "--robot belongs to the contests"),
         (("--suite", "path-following", "--episodes", "0"), "episodes"),
-        (("lqr", "mpc"), "(lqr mpc); an option takes one word, several values are sep"),
+        (
+            ("--suite", "docking", "--policies", "polar", "--policies", "mpc_pose"),
+            "--policies is given more than once; several values are one word: a,b",
+        ),
+        (("lqr", "mpc"), "(lqr mpc); each value stands behind its option, several are sep"),
         (
             ("--policies", "lqr,", "mpc"),
-            "(mpc); an option takes one word, several values are separated by commas alone: --policies lqr,mpc",
+            "(mpc); each value stands behind its option, several are separated by commas alone: --policies lqr,mpc",
         ),
     ],
 )
