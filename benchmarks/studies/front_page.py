@@ -295,7 +295,7 @@ def _lines(shown_panels: Sequence[Panel]) -> list[str]:
     if not shown_panels:
         return ["No run of this version is published."]
     shown = f"![The best controller beside the best agent at each task, with 95 % intervals]({FIGURE})"
-    first = "One example per task ([all results](docs/results.md)):"
+    first = "Examples ([all results, with intervals](docs/results.md)):"
     return ["\n".join([_count(shown_panels), "", shown, "", first, "", *sentences(shown_panels)])]
 
 
@@ -306,17 +306,15 @@ def _count(shown_panels: Sequence[Panel]) -> str:
         for outcome in (BETTER, WORSE)
     )
     outcomes = [match.outcome for panel in shown_panels for match in panel.matches]
-    wins, losses = (len(each) or "none" for each in (won, lost))
+    wins, losses = (str(len(each) or "none") for each in (won, lost))
     alike = outcomes.count(EQUIVALENT)
     ties = len(outcomes) - len(won) - len(lost) - alike
-    which = [f"{camp} win {_listed(each)}." for camp, each in (("Controllers", won), ("Agents", lost)) if each]
-    return " ".join(
-        (
-            f"**Controllers win {wins} of {len(outcomes)} kinds of scenes, trained agents win {losses}.**",
-            *which,
-            f"{ties} are ties: no significant difference after correction for multiple comparisons.",
-            f"In {alike} the two are equivalent: the difference is shown to be negligible.",
-        )
+    which = [f"{camp} win {_listed(each)}. " for camp, each in (("Controllers", won), ("Agents", lost)) if each]
+    return (
+        f"**Controllers win {wins} of {len(outcomes)} kinds of scenes, trained agents {losses}.** "
+        + "".join(which)
+        + f"{ties} are ties: no significant difference after correction for multiple comparisons. "
+        f"{alike} {'is' if alike == 1 else 'are'} equivalent: the difference is shown to be negligible."
     )
 
 
