@@ -104,10 +104,7 @@ def _family(name: str, about: str, dock: Callable[[Draw, Frame], "Dock | None"],
     def scenario(seed: int) -> DockingScenario:
         draw = Draw(name, seed)
         frame = somewhere(draw)
-        drawn = dock(draw, frame)
-        while drawn is None:
-            drawn = dock(draw, frame)
-        heading, (x, y, turn), around = drawn
+        heading, (x, y, turn), around = draw.until_one(lambda: dock(draw, frame))
         turned = [(frame.cosine * u - frame.sine * frame.side * v, frame.sine * u + frame.cosine * frame.side * v)
                   for _, (u, v) in around]  # fmt: skip
         return DockingScenario(

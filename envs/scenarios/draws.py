@@ -6,8 +6,12 @@ rounded to a millionth: a path or a field is then equal wherever it is made, and
 
 import math
 import random
+from collections.abc import Callable
+from typing import TypeVar
 
 from wayfield.system.elementary import sin_cos
+
+_Drawn = TypeVar("_Drawn")
 
 
 def rounded(value: float) -> float:
@@ -40,6 +44,13 @@ class Draw:
     def heading(self) -> float:
         """Returns an angle (rad) anywhere on the circle."""
         return self.number(-math.pi, math.pi)
+
+    def until_one(self, make: Callable[[], _Drawn | None]) -> _Drawn:
+        """Returns the first thing made that is not None: one drawn in vain."""
+        while True:
+            made = make()
+            if made is not None:
+                return made
 
 
 class Frame:

@@ -41,10 +41,7 @@ def _family(name: str, about: str, field: Callable[[Draw], "Field | None"], **kn
 
     def scenario(seed: int) -> GoalScenario:
         draw = Draw(name, seed)
-        drawn = field(draw)
-        while drawn is None:
-            drawn = field(draw)
-        start, goal, obstacles = drawn
+        start, goal, obstacles = draw.until_one(lambda: field(draw))
         ahead = rounded(bearing(goal[1] - start[1], goal[0] - start[0]))
         return GoalScenario(
             f"{name}_{seed}",

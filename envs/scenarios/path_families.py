@@ -46,9 +46,7 @@ def _family(
 
     def scenario(seed: int) -> PathScenario:
         draw = Draw(name, seed)
-        points = curve(draw)
-        while points is None:
-            points = curve(draw)
+        points = draw.until_one(lambda: curve(draw))
         x, y, heading, side = draw.number(-2.0, 2.0), draw.number(-2.0, 2.0), draw.heading(), draw.sign()
         even = evenly(points, SPACING, x, y, heading, side)
         path = Path(even[:-1] if closed else even, closed)

@@ -74,10 +74,7 @@ def _family(name: str, about: str, field: Callable[[Draw], "Field | None"], reac
 
     def scenario(seed: int) -> TeamScenario:
         draw = Draw(name, seed)
-        drawn = field(draw)
-        while drawn is None:
-            drawn = field(draw)
-        start, goal, people, obstacles, area = drawn
+        start, goal, people, obstacles, area = draw.until_one(lambda: field(draw))
         ahead = rounded(bearing.py_func(goal[1] - start[1], goal[0] - start[0]))
         return TeamScenario.made(
             f"{name}_{seed}",
@@ -99,6 +96,28 @@ def _clear(x: float, y: float, radius: float, start: Point, people: list[dict[st
     if math.hypot(x - start[0], y - start[1]) < LARGEST_HULL + radius + 4.0 * _GAP:
         return False
     return all(math.hypot(x - p["x"], y - p["y"]) >= radius + p["radius"] + _GAP for p in people)
+
+
+def _place(
+    draw: Draw,
+    along: tuple[float, float],
+    across: tuple[float, float],
+    start: Point,
+    people: list[dict[str, Any]],
+    radii: tuple[float, float] = (0.2, 0.3),
+    *,
+    turned: bool = False,
+) -> tuple[float, float, float] | None:
+    """Returns the x, y (m) of a person who may begin there and its radius (m); None where 300 draws found no room.
+
+    turned: whether "along" is y.
+    """
+    for _ in range(300):
+        u, v, radius = draw.number(*along), draw.number(*across), draw.number(*radii)
+        x, y = (v, u) if turned else (u, v)
+        if _clear(x, y, radius, start, people):
+            return x, y, radius
+    return None
 
 
 def _speed(draw: Draw, mean: float = 1.29, deviation: float = 0.19) -> float:
@@ -166,12 +185,10 @@ def _lanes(n: int) -> Callable[[Draw], "Field | None"]:
         start, goal = (0.6, draw.number(1.0, 3.8)), (14.4, draw.number(1.0, 3.8))
         people: list[dict[str, Any]] = []
         for k in range(n):
-            for _ in range(300):
-                x, y, radius = draw.number(0.5, 14.5), draw.number(0.5, 4.3), draw.number(0.2, 0.3)
-                if _clear(x, y, radius, start, people):
-                    break
-            else:
+            place = _place(draw, (0.5, 14.5), (0.5, 4.3), start, people)
+            if place is None:
                 return None
+            x, y, radius = place
             goal_x = 13.3 if k % 2 == 0 else 1.7
             person = {"law": MOUSSAID, "x": x, "y": y, "goal_x": goal_x, "goal_y": y, "radius": radius}
             people.append(person | {"speed": _speed(draw), "then": TURNS_BACK})
@@ -189,12 +206,10 @@ def _crossing_flow(n: int) -> Callable[[Draw], "Field | None"]:
         people: list[dict[str, Any]] = []
         law = MOUSSAID if draw.sign() > 0.0 else ORCA
         for _ in range(n):
-            for _ in range(300):
-                x, y, radius = draw.number(-2.5, 2.5), draw.number(-6.0, 6.0), draw.number(0.2, 0.3)
-                if _clear(x, y, radius, start, people):
-                    break
-            else:
+            place = _place(draw, (-2.5, 2.5), (-6.0, 6.0), start, people)
+            if place is None:
                 return None
+            x, y, radius = place
             person = {"law": law, "x": x, "y": y, "goal_x": x, "goal_y": math.copysign(6.5, -y), "radius": radius}
             people.append(person | {"speed": _speed(draw), "then": TURNS_BACK})
         return start, goal, people, [], 60.0
@@ -210,13 +225,10 @@ def _crossing_streams(n: int) -> Callable[[Draw], "Field | None"]:
         people: list[dict[str, Any]] = []
         law = MOUSSAID if draw.sign() > 0.0 else ORCA
         for k in range(n):
-            for _ in range(300):
-                along, across, radius = draw.number(-6.0, 6.0), draw.number(-2.5, 2.5), draw.number(0.2, 0.3)
-                x, y = (along, across) if k % 2 == 0 else (across, along)
-                if _clear(x, y, radius, start, people):
-                    break
-            else:
+            place = _place(draw, (-6.0, 6.0), (-2.5, 2.5), start, people, turned=k % 2 == 1)
+            if place is None:
                 return None
+            x, y, radius = place
             to = 6.5 if draw.sign() > 0.0 else -6.5
             goal_x, goal_y = (to, y) if k % 2 == 0 else (x, to)
             person = {"law": law, "x": x, "y": y, "goal_x": goal_x, "goal_y": goal_y, "radius": radius}
@@ -305,12 +317,10 @@ def _through_door(draw: Draw, start: Point, goal: Point) -> "Field | None":
     """Returns people who push through a door of 1 m, and where the robot begins and shall go."""
     people: list[dict[str, Any]] = []
     for _ in range(draw.whole(10, 20)):
-        for _ in range(300):
-            x, y, radius = draw.number(-4.0, -0.8), draw.number(-2.2, 2.2), draw.number(0.22, 0.28)
-            if _clear(x, y, radius, start, people):
-                break
-        else:
+        place = _place(draw, (-4.0, -0.8), (-2.2, 2.2), start, people, (0.22, 0.28))
+        if place is None:
             return None
+        x, y, radius = place
         gate = {"gate_x": 0.0, "gate_y": -0.5, "gate_to_x": 0.0, "gate_to_y": 0.5}
         person = {"law": HELBING_FARKAS_VICSEK, "x": x, "y": y, "goal_x": 9.0, "goal_y": y, "radius": radius}
         people.append(person | gate | {"speed": _speed(draw, 1.0), "then": STAYS})

@@ -302,10 +302,7 @@ def _family(
 
     def scenario(seed: int) -> ReferenceScenario:
         draw = Draw(name, seed)
-        drawn = draw_one(draw)
-        while drawn is None:
-            drawn = draw_one(draw)
-        knots, closed, facing = drawn
+        knots, closed, facing = draw.until_one(lambda: draw_one(draw))
         place = draw.number(-2.0, 2.0), draw.number(-2.0, 2.0), draw.heading(), draw.sign()
         share = draw.number(*shares)
         return placed(f"{name}_{seed}", knots, closed, share, facing, place, draw, name)

@@ -38,10 +38,7 @@ def _family(name: str, about: str, team: int, field: Callable[[Draw], "Field | N
 
     def scenario(seed: int) -> TeamScenario:
         draw = Draw(name, seed)
-        drawn = field(draw)
-        while drawn is None:
-            drawn = field(draw)
-        starts, goals, obstacles = drawn
+        starts, goals, obstacles = draw.until_one(lambda: field(draw))
         ahead = [rounded(bearing.py_func(g[1] - s[1], g[0] - s[0])) for s, g in zip(starts, goals, strict=True)]
         return TeamScenario.made(
             f"{name}_{seed}",
