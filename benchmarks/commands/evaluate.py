@@ -75,7 +75,7 @@ from wayfield.benchmarks.runs.shards import Part, parts_of, play_together, rows_
 from wayfield.benchmarks.runs.suite import Episode, Setting, episodes, gathered, heads_first, run, together
 from wayfield.envs import goal_reaching
 from wayfield.envs.robots import ACTUATORS, ROBOTS
-from wayfield.envs.robots.robot_option import RobotChoice
+from wayfield.envs.robots.robot_option import robot_option
 from wayfield.envs.tasks.specs import EVERY
 from wayfield.policies import make
 from wayfield.policies.parts.policy import lacks
@@ -156,10 +156,8 @@ figures (.svg, .png). Give the same command again to continue an interrupted run
     type=Choice("--actuators", ACTUATORS),
     help="The actuator tier.  [default: lagged; ideal in suite documents]",
 )
-@click.option(
-    "--robot",
-    type=RobotChoice("--robot"),
-    help="The robot of a contest, --path or --scenarios: one that ships, or a data sheet of your own.  [default: p3dx]",
+@robot_option(
+    "The robot of a contest, --path or --scenarios: one that ships, or a data sheet of your own.  [default: p3dx]"
 )
 @click.option("--gains", type=Choice("--gains", GAINS), help="Sets of gains in a contest.  [default: all]")
 @click.option(

@@ -16,7 +16,7 @@ from wayfield.benchmarks.contests import CONTESTS, TEAMS
 from wayfield.benchmarks.entrants.own_policies import own_policy, source_and_gains
 from wayfield.envs.rendering import Ghost, Scene
 from wayfield.envs.robots import Robot, shipped_name
-from wayfield.envs.robots.robot_option import RobotChoice
+from wayfield.envs.robots.robot_option import robot_option
 from wayfield.envs.scenarios import TASKS
 from wayfield.envs.scenarios.files import kind_of
 from wayfield.envs.tasks.specs import CROWDS, EVERY, TaskSpec, spec_of
@@ -148,7 +148,7 @@ def place_options(command: Callable[..., Any]) -> Callable[..., Any]:
         click.argument("env_id", required=False),
         click.option("--scenario", metavar="NAME", help="A name, a split such as clutter_10/test, or a file."),
         click.option("--index", type=click.IntRange(min=0), help="The scenario of its bank.  [default: drawn]"),
-        click.option("--robot", type=RobotChoice("--robot"), help="As `wayfield robots` lists them, or a data sheet."),
+        robot_option("As `wayfield robots` lists them, or a data sheet."),
         click.option("--actuators", metavar="TIER", default="lagged", show_default=True, help="ideal, lagged or slow."),
         click.option("--dynamics", metavar="PLANT", help="kinematic, pymunk, mujoco or coppelia."),
         click.option("--disturbance", metavar="LEVEL", help='From "light" to "severe".'),

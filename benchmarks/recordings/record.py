@@ -32,7 +32,7 @@ from wayfield.benchmarks.records.cases import Case
 from wayfield.benchmarks.records.progress import tracked
 from wayfield.envs.robots import ACTUATORS, Robot
 from wayfield.envs.robots.disturbances import LEVELS
-from wayfield.envs.robots.robot_option import RobotChoice
+from wayfield.envs.robots.robot_option import robot_option
 from wayfield.envs.scenarios.splits import SPLITS
 from wayfield.envs.tasks.task import IN_PROCESS
 from wayfield.policies.training.recorded import KEY
@@ -205,7 +205,7 @@ def _folder(dataset: str) -> Path:
     show_default=True,
     help="Number of episodes in the whole data set.",
 )
-@click.option("--robot", type=RobotChoice("--robot"), default="p3dx", show_default=True)
+@robot_option(None, default="p3dx", show_default=True)
 @click.option("--dynamics", type=Choice("--dynamics", IN_PROCESS), default="kinematic", show_default=True)
 @click.option("--actuators", type=Choice("--actuators", ACTUATORS), default="lagged", show_default=True)
 @click.option("--disturbance", type=Choice("--disturbance", LEVELS), default="none", show_default=True)

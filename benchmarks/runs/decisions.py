@@ -25,7 +25,7 @@ from wayfield.benchmarks.records.episode import Episodes
 from wayfield.benchmarks.records.progress import tracked
 from wayfield.benchmarks.records.results import read_table
 from wayfield.envs.robots import Robot
-from wayfield.envs.robots.robot_option import RobotChoice
+from wayfield.envs.robots.robot_option import robot_option
 from wayfield.policies.pilot import Pilot
 from wayfield.system.command_line import Names, OneLineErrors
 from wayfield.system.readers import of_folder, reader
@@ -131,7 +131,7 @@ def read_decisions(folder: Path) -> Episodes:
 
 @click.command("decisions", cls=OneLineErrors)
 @click.option("--policies", type=Names("--policies", _TIMED), help="Only these.  [default: all]")
-@click.option("--robot", type=RobotChoice("--robot"), default="p3dx", show_default=True, help="Or a data sheet.")
+@robot_option("Or a data sheet.", default="p3dx", show_default=True)
 @click.option("--rounds", type=click.IntRange(min=1), default=3, show_default=True, help="Turns of each policy.")
 def main(policies: tuple[str, ...] | None, robot: Robot, rounds: int) -> None:
     """Prints how many decisions each policy takes a second."""

@@ -46,7 +46,7 @@ from wayfield.benchmarks.tuning.random_scenes import PAIRS, SEEDS, Place, digest
 from wayfield.envs.robots import ROBOTS, Robot, shipped_name
 from wayfield.envs.robots.disturbances import LEVELS
 from wayfield.envs.robots.intervals import Interval, drawn
-from wayfield.envs.robots.robot_option import RobotChoice
+from wayfield.envs.robots.robot_option import robot_option
 from wayfield.envs.scenarios import scenarios_of, splits
 from wayfield.envs.tasks.specs import CROWDS
 from wayfield.envs.tasks.task import CONTROL_PERIOD
@@ -653,13 +653,7 @@ def budgeted(frames: int) -> Callable[[Any], Any]:
 @click.command("tune", cls=OneLineErrors)
 @click.argument("policy", metavar="POLICY", type=Choice("POLICY", SEARCHED))
 @click.option("--suite", type=Choice("--suite", TUNED_FOR), required=True, help="Contest whose scenarios are used.")
-@click.option(
-    "--robot",
-    type=RobotChoice("--robot"),
-    default="p3dx",
-    show_default=True,
-    help="A robot that ships, or a data sheet.",
-)
+@robot_option(default="p3dx", show_default=True)
 @click.option("--speed", type=Finite(0.05, 3.0), help=f"Target speed, m/s.  [default: that of the suite, or {PACE:g}]")
 @click.option(
     "--level", type=Choice("--level", LEVELS), default="none", show_default=True, help="Level of disturbance."

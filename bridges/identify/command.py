@@ -19,7 +19,7 @@ from wayfield.bridges.identify.recording import STAMPS, Log, Topics, read_log
 from wayfield.bridges.identify.response import SATURATIONS, Drive
 from wayfield.bridges.identify.sheet import doubts, identified, settled
 from wayfield.envs.robots import ROBOTS, Robot
-from wayfield.envs.robots.robot_option import RobotChoice
+from wayfield.envs.robots.robot_option import robot_option
 from wayfield.system.checks import unread
 from wayfield.system.command_line import Choice, Finite, OneLineErrors, command_given, say
 from wayfield.system.storage import write_whole
@@ -32,8 +32,9 @@ THROTTLED = (
 
 @click.command("identify", cls=OneLineErrors)
 @click.argument("log", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--robot", type=RobotChoice("--robot"), default="p3dx", show_default=True,
-              help="A similar robot, or its data sheet: it provides what the log does not show.")  # fmt: skip
+@robot_option(
+    "A similar robot, or its data sheet: it provides what the log does not show.", default="p3dx", show_default=True
+)
 @click.option("--cmd", default="/cmd_vel", show_default=True, help="Topic of the commands.")
 @click.option("--odom", default="/odom", show_default=True, help="Topic of the odometry.")
 @click.option("--truth", help="Topic of a true pose: Odometry or PoseStamped.")

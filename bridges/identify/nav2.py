@@ -14,7 +14,7 @@ import click
 
 from wayfield import __version__
 from wayfield.envs.robots import ROBOTS, Robot
-from wayfield.envs.robots.robot_option import RobotChoice
+from wayfield.envs.robots.robot_option import robot_option
 from wayfield.policies.parts.gain import gains_of
 from wayfield.policies.parts.tuned import read_gains
 from wayfield.policies.registry import POLICIES, make
@@ -465,9 +465,7 @@ def _value(value: Any) -> str:
 
 @click.command("nav2", cls=OneLineErrors)
 @click.argument("gains", nargs=-1, required=True)
-@click.option(
-    "--robot", type=RobotChoice("--robot"), required=True, help="The base, such as `wayfield identify` wrote it."
-)
+@robot_option("The base, such as `wayfield identify` wrote it.", required=True)
 @click.option("--distro", type=Choice("--distro", DISTROS), default="jazzy", show_default=True, help="Of ROS 2.")
 @click.option("--tolerances", is_flag=True, help="The goal's tolerance, too.")
 @click.option("--out", type=click.Path(path_type=Path), help="The file, .yaml.  [default: printed]")

@@ -21,7 +21,7 @@ from wayfield.bridges.ros.guard import Driver, Limits
 from wayfield.bridges.ros.messages import Goal
 from wayfield.envs.robots import ACTUATORS, Robot
 from wayfield.envs.robots.disturbances import DISTURBANCES
-from wayfield.envs.robots.robot_option import RobotChoice
+from wayfield.envs.robots.robot_option import robot_option
 from wayfield.envs.tasks.specs import EVERY
 from wayfield.envs.tasks.task import CONTROL_PERIOD, IN_PROCESS
 from wayfield.policies import POLICIES, NoCruisingSpeed, cruising, make
@@ -117,13 +117,7 @@ class SimSettings:
 
 
 @click.command(cls=OneLineErrors)
-@click.option(
-    "--robot",
-    type=RobotChoice("--robot"),
-    default="turtlebot3",
-    show_default=True,
-    help="A robot that ships, or a data sheet.",
-)
+@robot_option(default="turtlebot3", show_default=True)
 @click.option("--env", "world", type=Choice("--env", WORLDS), default="goal", show_default=True, help="Kind of scene.")
 @click.option("--scenario", default=None, help="A name, FAMILY, FAMILY/SPLIT or a file. [default: rooms, for goals]")
 @click.option("--dynamics", type=Choice("--dynamics", IN_PROCESS), default="kinematic", show_default=True)
@@ -292,13 +286,7 @@ _BASE = "a base must stop by itself when commands end: a process that has died p
 
 @click.command(cls=OneLineErrors)
 @click.option("--policy", "name", type=Choice("--policy", POLICIES), default="vfh_plus", show_default=True)
-@click.option(
-    "--robot",
-    type=RobotChoice("--robot"),
-    default="turtlebot3",
-    show_default=True,
-    help="A robot that ships, or a data sheet.",
-)
+@robot_option(default="turtlebot3", show_default=True)
 @click.option("--gains", metavar="FILE", help="Gains of the policy: a file of `wayfield tune`.")
 @click.option("--home", metavar="FOLDER", help="Folder of your training runs, for --policy ppo.")
 @click.option(
@@ -408,13 +396,7 @@ def _run(
 
 
 @click.command(cls=OneLineErrors)
-@click.option(
-    "--robot",
-    type=RobotChoice("--robot"),
-    default="turtlebot3",
-    show_default=True,
-    help="Your robot or its data sheet: for the hull.",
-)
+@robot_option("Your robot or its data sheet: for the hull.", default="turtlebot3", show_default=True)
 @click.option(
     "--top-speed",
     type=Finite(0.0, 20.0, min_open=True),

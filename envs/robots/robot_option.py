@@ -4,12 +4,15 @@ Only commands import this module: it needs click, which the core install does wi
 """
 
 import math
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 import click
 
 from wayfield.envs.robots.robot import ROBOTS, Robot, robot_of
 from wayfield.system.checks import unread
+
+_Command = TypeVar("_Command", bound=Callable[..., Any])
 
 BRISK = 22.0  # m/s times the root of a wheel's radius, m: a Froude number of 50; bases that ship have 4.2 at most
 
@@ -52,3 +55,10 @@ class RobotChoice(click.ParamType):  # type: ignore[type-arg]
             text = str(error)
             named = text.startswith(("--", f"{self.field}="))
             raise click.UsageError(text if named else f"{self.field} {text}") from None
+
+
+def robot_option(
+    about: str | None = "A robot that ships, or a data sheet.", **settings: Any
+) -> Callable[[_Command], _Command]:
+    """Returns the option --robot of a command, with its help and what else `click.option` takes."""
+    return click.option("--robot", type=RobotChoice("--robot"), help=about, **settings)
