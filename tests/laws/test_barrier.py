@@ -14,7 +14,7 @@ from scipy import sparse
 
 from wayfield.envs.robots import ACTUATORS, ROBOTS
 from wayfield.envs.robots.records import lag_factors
-from wayfield.policies import Barrier, Pilot, cbf, make
+from wayfield.policies import Barrier, cbf, make
 from wayfield.policies.parts.barrier import most_gamma, nearest_allowed
 
 
@@ -62,20 +62,6 @@ def test_below_its_bound_gamma_overshoots_nothing_along_a_line(tier: str) -> Non
     assert bound == pytest.approx({"ideal": 10.0, "lagged": 2.0, "slow": 0.909}[tier], abs=1e-3)
     assert deepest(bound) > -1e-12
     assert deepest(2.5 * bound) < -1e-3
-
-
-@pytest.mark.parametrize("env_id", ["DiffDriveGoalObstacles", "OmniGoalObstacles"])
-def test_a_twist_far_from_everything_passes(env_id: str) -> None:
-    kwargs: dict[str, Any] = {"actuators": "lagged", "num_beams": 72}
-    env = gymnasium.make(f"wayfield/{env_id}-v0", scenario="open_field", **kwargs)
-    plain, behind = (Pilot(each, env) for each in (make("vfh_plus"), cbf(make("vfh_plus"))))
-    observation, _ = env.reset(seed=2)
-    plain.reset()
-    behind.reset()
-    for _ in range(40):
-        action = plain.act(observation)
-        np.testing.assert_allclose(behind.act(observation), action, atol=1e-12)
-        observation, *_ = env.step(action)
 
 
 def test_what_it_is_not_for_is_refused_in_a_line() -> None:

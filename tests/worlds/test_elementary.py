@@ -6,33 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wayfield.system import elementary
-from wayfield.system.compiled import compiled
-
-
-@compiled
-def exponential(x):  # type: ignore[no-untyped-def]
-    return elementary.exponential(x)
-
-
-@compiled
-def logarithm(x):  # type: ignore[no-untyped-def]
-    return elementary.logarithm(x)
-
-
-@compiled
-def area_sine(x):  # type: ignore[no-untyped-def]
-    return elementary.area_sine(x)
-
-
-@compiled
-def hyperbolic_tangent(x):  # type: ignore[no-untyped-def]
-    return elementary.hyperbolic_tangent(x)
-
-
-@compiled
-def power(x, exponent):  # type: ignore[no-untyped-def]
-    return elementary.power(x, exponent)
+from wayfield.system.elementary import area_sine, exponential, hyperbolic_tangent, logarithm, power
 
 
 @given(st.floats(-700.0, 700.0))
