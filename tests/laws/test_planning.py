@@ -12,6 +12,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from numpy.typing import NDArray
+from oracles.drives import end_of
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
@@ -216,13 +217,7 @@ def drive(policy: Any, robot: str, scenario: str, **options: Any) -> tuple[dict[
     settings = {"actuators": "lagged", "num_beams": 72} | options
     env = gymnasium.make(ID_OF[robot], robot=robot, scenario=scenario, **settings)
     pilot = Pilot(policy, env)
-    observation, info = env.reset(seed=0)
-    pilot.reset()
-    ended = False
-    while not ended:
-        observation, _, terminated, truncated, info = env.step(pilot.act(observation))
-        ended = terminated or truncated
-    return info, pilot
+    return end_of(env, pilot), pilot
 
 
 @pytest.mark.parametrize("planner", PLANNERS)

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 pytest.importorskip("stable_baselines3")
 
+from oracles.short_runs import SHORT
+
 from wayfield import policies
 from wayfield.benchmarks.episodes.metrics import measure
 from wayfield.benchmarks.episodes.rollout import roll_out
@@ -22,7 +24,7 @@ from wayfield.envs.scenarios import path_scenarios, splits
 from wayfield.policies.learned.perception import Actions, GoalFeatures, PathFeatures, limits_of
 from wayfield.policies.training import imitation
 from wayfield.policies.training.learner import make_worlds
-from wayfield.policies.training.presets import PRESETS, Ppo, Preset
+from wayfield.policies.training.presets import PRESETS, Preset
 from wayfield.policies.training.shaping import GoalReward, PathReward, Shaped
 from wayfield.policies.training.validation import validate
 
@@ -35,14 +37,7 @@ FOLLOWING = PRESETS["path_following_plain"].changed(
     features=PathFeatures(previous=3, limits=True),
     reward=PathReward(chatter_cost=0.5),
     paces=(0.4, 0.6),
-    num_envs=16,
-    horizon=8,
-    batch_size=64,
-    algorithm=Ppo(epochs=1),
-    hidden=(8,),
-    steps=16 * 8 * 6,
-    validations=3,
-    time_limit=15,
+    **SHORT,
 )
 # all that a robot can remember: actions, trails, crumbs, frames, and what its controller does
 SEEKING = FOLLOWING.changed(

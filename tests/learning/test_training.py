@@ -25,6 +25,7 @@ import pytest
 pytest.importorskip("stable_baselines3")
 torch = pytest.importorskip("torch")
 
+from oracles.short_runs import SHORT
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from wayfield.envs.scenarios import GOAL_SCENARIOS
@@ -38,7 +39,7 @@ from wayfield.policies.training import run as training_run
 from wayfield.policies.training.command import main
 from wayfield.policies.training.curves import read_curve
 from wayfield.policies.training.learner import PpoLearner
-from wayfield.policies.training.presets import PRESETS, Ppo, Preset, Sac, overridden
+from wayfield.policies.training.presets import PRESETS, Preset, Sac, overridden
 from wayfield.policies.training.run import Job, Report, plan_of, train
 from wayfield.policies.training.sac import SacLearner
 from wayfield.policies.training.shaping import GoalReward, TeamReward
@@ -55,14 +56,7 @@ SMALL = PRESETS[PLAIN].changed(
     paces=(0.6,),
     shares=((0.5, {"scenario": "s_curve"}), (0.5, {"scenario": "circle", "noise": 1.0})),
     validation={"scenario": "s_curve", "actuators": "lagged"},
-    num_envs=16,
-    horizon=8,
-    batch_size=64,
-    algorithm=Ppo(epochs=1),
-    hidden=(8,),
-    steps=16 * 8 * 6,
-    validations=3,
-    time_limit=15,
+    **SHORT,
 )
 
 

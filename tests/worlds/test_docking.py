@@ -13,6 +13,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from oracles.drives import end_of
 
 import wayfield  # noqa: F401  registers the ids
 from wayfield import policies
@@ -539,14 +540,7 @@ def end_by_the_scan(folder: Path, steps: int = 1200, **fields: Any) -> dict[str,
     env: Any = gymnasium.make(
         DIFF_ID, scenario=written(folder, **fields), actuators="lagged", num_beams=72, max_episode_steps=steps
     )
-    seen, info = env.reset(seed=0)
-    pilot = Pilot(policies.make("reeds_shepp_scan"), env)
-    pilot.reset()
-    over = False
-    while not over:
-        seen, _, terminated, truncated, info = env.step(pilot.act(seen))
-        over = terminated or truncated
-    return info
+    return end_of(env, Pilot(policies.make("reeds_shepp_scan"), env))
 
 
 @pytest.mark.parametrize("start", [(1.4, 0.6, 2.0), (0.3, 1.6, -0.4), (-1.5, -0.8, 1.0)])
