@@ -88,12 +88,7 @@ class AnyRobot(Hybrid):
         return super().parts(briefing) | {"progress": progress}
 
     def taken(
-        self,
-        observation: Observation,
-        briefing: Briefing,
-        memory: Memory,
-        retained: Memory,
-        twists: Both,
+        self, observation: Observation, briefing: Briefing, memory: Memory, retained: Memory, twists: Both
     ) -> Array:
         """Returns the twists (b, t) that are driven: the agent's, or where it makes no way the planner's."""
         planned, driven = twists

@@ -105,12 +105,7 @@ class Hybrid(GoalLaw):
         return twists
 
     def taken(
-        self,
-        observation: Observation,
-        briefing: Briefing,
-        memory: Memory,
-        retained: Memory,
-        twists: Both,
+        self, observation: Observation, briefing: Briefing, memory: Memory, retained: Memory, twists: Both
     ) -> Array:
         """Returns the twists (b, t) that are driven, here the agent's.
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 pytest.importorskip("stable_baselines3")
 
-from oracles.short_runs import SHORT
+from oracles.short_runs import SEEKER, SHORT
 
 from wayfield import policies
 from wayfield.benchmarks.episodes.metrics import measure
@@ -21,7 +21,7 @@ from wayfield.benchmarks.records.cases import Case
 from wayfield.benchmarks.statistics.aggregates import iqm
 from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios import path_scenarios, splits
-from wayfield.policies.learned.perception import Actions, GoalFeatures, PathFeatures, limits_of
+from wayfield.policies.learned.perception import PathFeatures, limits_of
 from wayfield.policies.training import imitation
 from wayfield.policies.training.learner import make_worlds
 from wayfield.policies.training.presets import PRESETS, Preset
@@ -39,20 +39,12 @@ FOLLOWING = PRESETS["path_following_plain"].changed(
     paces=(0.4, 0.6),
     **SHORT,
 )
-# all that a robot can remember: actions, trails, crumbs, frames, and what its controller does
 SEEKING = FOLLOWING.changed(
-    task="goal_reaching",
     shares=(
         (0.5, {"scenario": "discs", "num_beams": 24, "max_range": 5.0}),
         (0.5, {"scenario": "discs", "num_beams": 24, "max_range": 5.0, "max_episode_steps": 11}),
     ),
-    features=GoalFeatures(num_beams=24, pool=4, crumbs=4, crumb_gap=0.05, frames=2, stride=2, previous=2, moving=True),
-    actions=Actions("planar"),
-    reward=GoalReward(),
-    robot="omni3",
-    shortest_ways=True,
-    controller="vfh_plus",
-    reach=0.3,
+    **SEEKER,
 )
 
 

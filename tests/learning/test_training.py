@@ -25,14 +25,13 @@ import pytest
 pytest.importorskip("stable_baselines3")
 torch = pytest.importorskip("torch")
 
-from oracles.short_runs import SHORT
+from oracles.short_runs import SEEKER, SHORT
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from wayfield.envs.scenarios import GOAL_SCENARIOS
 from wayfield.policies.learned.agent import Agent, Network, load_agent
 from wayfield.policies.learned.features_dock import DockFeatures
 from wayfield.policies.learned.features_team import TeamFeatures
-from wayfield.policies.learned.perception import Actions, GoalFeatures
 from wayfield.policies.pilot import Pilot
 from wayfield.policies.training import checkpoints
 from wayfield.policies.training import run as training_run
@@ -94,18 +93,10 @@ TAUGHT = SMALL.changed(controller="lqr", imitation=16 * 8 * 2, steps=16 * 8 * 8,
 REPLAYING = SMALL.changed(batch_size=16, algorithm=Sac(16 * 22, learning_starts=16 * 10, gradient_steps=2))
 
 
-# all that a robot can remember: crumbs, trails, frames, and what its controller does
 SEEKING = SMALL.changed(
-    task="goal_reaching",
     shares=((1.0, {"scenario": "discs", "num_beams": 24, "max_range": 5.0, "robot": "omni3"}),),
     validation={"scenario": "discs", "num_beams": 24, "max_range": 5.0},
-    features=GoalFeatures(num_beams=24, pool=4, crumbs=4, crumb_gap=0.05, frames=2, stride=2, moving=True),
-    actions=Actions("planar"),
-    reward=GoalReward(),
-    robot="omni3",
-    shortest_ways=True,
-    controller="vfh_plus",
-    reach=0.3,
+    **SEEKER,
     paces=(0.4, 0.6),
 )
 
