@@ -1,14 +1,16 @@
 """The sheet that `identify` writes is the fit, holds what is true, and is refused where an ideal base errs less."""
 
 import dataclasses
+import functools
 import math
 
+import identification
 import numpy as np
 import pytest
-from identification import FAULTS, Drawn, covered, drawn_log
+from identification import FAULTS, Drawn, covered
 
 from wayfield.bridges.identify.checks import check
-from wayfield.bridges.identify.estimate import fit, intervals
+from wayfield.bridges.identify.estimate import Fit, fit, intervals
 from wayfield.bridges.identify.prediction import Prediction, predict
 from wayfield.bridges.identify.response import AXES, PAIR, Drive, pair_response
 from wayfield.bridges.identify.sheet import identified, predicted, settled
@@ -17,10 +19,18 @@ from wayfield.envs.robots.intervals import Interval
 
 LOGS = 200  # of drawn bases; each drive and fault comes sixteen times or more
 
+drawn_log = functools.cache(identification.drawn_log)
+
+
+@functools.cache
+def found_of(seed: int) -> Fit:
+    """Returns what is found in a drawn log as it is."""
+    return intervals(fit(check(drawn_log(seed).log).drive))
+
 
 @pytest.mark.parametrize(("seed", "base"), [(0, "p3dx"), (2, "jackal")])
 def test_the_sheet_is_the_fit_within_its_intervals(seed: int, base: str) -> None:
-    found = intervals(fit(check(drawn_log(seed).log).drive))
+    found = found_of(seed)
     robot, written, _ = identified(ROBOTS[base], found, "mine", "a log")
     # what is written answers as the fit does, whatever the base's own sheet says; axes that saturate by themselves are
     # more than a sheet can say beyond their limits
@@ -79,7 +89,7 @@ def test_a_sheet_that_errs_more_than_an_ideal_base_is_refused_in_a_line() -> Non
 @pytest.mark.parametrize(("axis", "value"), [(0, 3.0), (1, math.nan), (1, 1e300)])
 def test_a_burst_of_wrong_messages_leaves_the_answers(axis: int, value: float) -> None:
     drawn = drawn_log(0)
-    clean = intervals(fit(check(drawn.log).drive))
+    clean = found_of(0)
     speeds = drawn.log.speeds.copy()
     noise = np.random.default_rng(1).normal(0.0, 5.0, 12)
     speeds[500:512, axis] = noise if math.isnan(value) else value * np.abs(speeds[:, axis]).max()
@@ -112,7 +122,7 @@ def test_thinned_odometry_is_compared_at_its_own_rate() -> None:
     )  # fmt: skip
     errors = []
     for each in (drive, thin):
-        found = intervals(fit(each))
+        found = found_of(0) if each is drive else intervals(fit(each))
         robot, written, _ = identified(ROBOTS["jackal"], found, "mine", "a log")
         tested = predict(robot, ROBOTS["jackal"], written, settled(ROBOTS["jackal"], found)[0], 0.6)
         assert tested is not None
@@ -123,7 +133,7 @@ def test_thinned_odometry_is_compared_at_its_own_rate() -> None:
 @pytest.mark.slow
 def test_intervals_hold_nine_tenths_of_what_is_true() -> None:
     """Of all together; of each fault a little less, for one miss may repeat over the parameters of a log."""
-    logs: list[Drawn] = [drawn_log(seed) for seed in range(LOGS)]
+    logs: list[Drawn] = [identification.drawn_log(seed) for seed in range(LOGS)]
     inside = [[hit for _, hit in covered(each)] for each in logs]
     assert np.mean([hit for hits in inside for hit in hits]) >= 0.9
     for fault in FAULTS:
