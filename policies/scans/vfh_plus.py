@@ -34,7 +34,7 @@ from wayfield.policies.parts.stopping import (
     step_and_stop,
     turn_towards,
 )
-from wayfield.system.compiled import allocating, inlined
+from wayfield.system.compiled import allocating, any_layout, inlined
 from wayfield.system.elementary import bearing, sin_cos, wrap_angle
 
 DIRECTIONS = 144  # sectors of the histograms, in the world frame, from -pi on
@@ -144,6 +144,7 @@ class VfhPlus(ScanLaw):
         return twists[:, briefing.robot.twist_axes]
 
 
+@any_layout
 @allocating
 def steer(params, scan, seen, memory, twists):
     """Fills the (b, 3) twists of `VfhPlus.act`.
