@@ -319,7 +319,7 @@ def test_a_field_is_that_of_where_patrols_are_by_now_and_of_the_nearest_point_of
     goals = {"goal": Goals(np.zeros((1, 1, 3)), np.ones(1, np.int64)), "position_tolerance": np.array([0.2])}
 
     def driven(obstacle: Any, count: int = 1, times: int = 1, **more: Any) -> Any:
-        around = Surroundings.of(obstacle_field(obstacle)[None], np.array([count]), **more)
+        around = Surroundings.of(np.tile(obstacle_field(obstacle), (1, 1)), np.array([count]), **more)
         briefing = told("omni4", "lagged", 1, map=around, **goals)
         memory = policy.reset(briefing)
         return [policy.act(seen, briefing, memory) for _ in range(times)]
