@@ -674,9 +674,9 @@ def front_parts(teams: Sequence[Row], people: Sequence[Row]) -> Iterator[FrontPa
         yield where, (*AMONG_PEOPLE,), AMONG_PEOPLE["people_free"], "success", of_contest(people, contest)
 
 
-def front(teams: Sequence[Row], people: Sequence[Row]) -> str:
-    """Returns the page's first table, losses included, and a film with what it shows."""
-    lines, page_ps = [], of_page(teams, people)
+def front(teams: Sequence[Row], people: Sequence[Row], page_ps: Sequence[float]) -> str:
+    """Returns the page's first table, losses included, and a film with what it shows; page_ps: those of `of_page`."""
+    lines = []
     for where, agents, laws, metric, rows in front_parts(teams, people):
         name, law, here = rival(rows, agents, laws, metric)
         change = less(here, name, law, metric)
@@ -883,7 +883,6 @@ def page(teams: Sequence[Row], people: Sequence[Row], crossed: Sequence[Row], cu
     """Returns the page of the rows."""
     comparisons: list[Compared] = []
     blocks = []
-    first = [front(teams, people)] if teams and people else []
     if teams:
         compared, shown = team_tables(teams)
         comparisons += compared
@@ -902,6 +901,7 @@ def page(teams: Sequence[Row], people: Sequence[Row], crossed: Sequence[Row], cu
             "## Learning curves\n\nOn validation scenarios, of which ten of a family.\n\n" + curve_table(curves)
         )
     ps = _ps(comparisons)
+    first = [front(teams, people, ps)] if teams and people else []
     listed = "\n".join(f"* {each.sentence(ps)}" for each in comparisons)
     return "\n\n".join([prose.strip(), *first, listed, *blocks]) + "\n"
 
