@@ -19,22 +19,20 @@ for file in sys.argv[1:]:
 TENS = "a0: &a0 [1]\n" + "".join(f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 9)}]\n" for k in range(1, 12))
 SETTINGS = "resolution: 0.05\norigin: [0, 0, 0]\n"
 MANY = 500_000
-TWICE = "{" + ",".join(f'"k{k}":1' for k in [*range(MANY), MANY - 1]) + "}"
-
-
-FILES = {
-    "nested.yaml": (f"{TENS}image: *a11\n{SETTINGS}", "nested.yaml:1: 'a0' is an anchor or an alias"),
-    "room.yaml": (f"image: &own room.pgm\nnote: *own\n{SETTINGS}", "room.yaml:1: 'own' is an anchor or an alias"),
-    "goal.json": (TWICE, f"goal.json: field 'k{MANY - 1}' is given twice"),
-}
 
 
 def test_a_file_is_read_in_time_that_grows_with_its_size(tmp_path: Path) -> None:
-    for name, (text, _) in FILES.items():
+    twice = "{" + ",".join(f'"k{k}":1' for k in [*range(MANY), MANY - 1]) + "}"
+    files = {
+        "nested.yaml": (f"{TENS}image: *a11\n{SETTINGS}", "nested.yaml:1: 'a0' is an anchor or an alias"),
+        "room.yaml": (f"image: &own room.pgm\nnote: *own\n{SETTINGS}", "room.yaml:1: 'own' is an anchor or an alias"),
+        "goal.json": (twice, f"goal.json: field 'k{MANY - 1}' is given twice"),
+    }
+    for name, (text, _) in files.items():
         (tmp_path / name).write_text(text)
-    words = [sys.executable, "-c", READ, *(tmp_path / name for name in FILES)]
+    words = [sys.executable, "-c", READ, *(tmp_path / name for name in files)]
     run = subprocess.run(words, capture_output=True, text=True, timeout=60, check=True)
-    for line, (_, said) in zip(run.stdout.splitlines(), FILES.values(), strict=True):
+    for line, (_, said) in zip(run.stdout.splitlines(), files.values(), strict=True):
         assert said in line
 
 

@@ -30,7 +30,9 @@ def test_a_section_says_how_its_sample_comes_out(section: results_page.Section) 
     assert (found.sampled, found.same) == (made.sampled, made.same), "\n".join([words, *found.other])
 
 
-@pytest.mark.parametrize("name", results_page.submitted(ROOT / results_page.LEADERBOARD))
+@pytest.mark.parametrize(
+    "name", sorted(file.parent.name for file in (ROOT / results_page.LEADERBOARD).glob("*/card.json"))
+)
 def test_an_accepted_entry_drives_as_it_says(name: str) -> None:
     done = CliRunner().invoke(verify, [str(ROOT / results_page.LEADERBOARD / name), "--sample", "1"])
     assert done.exit_code == 0, done.output
