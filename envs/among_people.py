@@ -48,15 +48,13 @@ class AmongPeople(Teams):
         return super().bank(scenario, hull_radius)
 
 
+def _sheet(team: type[OmniTeam], about: str, *, holonomic: bool) -> str:
+    parts = {"Description": _DESCRIPTION, "Arguments": arguments_table(PeopleArguments, holonomic=holonomic)}
+    return sheet_like(team, about, parts)
+
+
 class OmniPeople(OmniTeam):
-    __doc__ = sheet_like(
-        OmniTeam,
-        "An omni robot reaches a goal among people.",
-        {
-            "Description": _DESCRIPTION,
-            "Arguments": arguments_table(PeopleArguments, holonomic=True),
-        },
-    )
+    __doc__ = _sheet(OmniTeam, "An omni robot reaches a goal among people.", holonomic=True)
 
     arguments = PeopleArguments
     asks = AmongPeople
@@ -66,14 +64,7 @@ OmniPeopleVector = vector_of(OmniPeople, TeamVectorEnv)
 
 
 class DiffDrivePeople(OmniPeople):
-    __doc__ = sheet_like(
-        DiffDriveTeam,
-        "A differential drive reaches a goal among people.",
-        {
-            "Description": _DESCRIPTION,
-            "Arguments": arguments_table(PeopleArguments, holonomic=False),
-        },
-    )
+    __doc__ = _sheet(DiffDriveTeam, "A differential drive reaches a goal among people.", holonomic=False)
 
     robots = DiffDriveTeam.robots
 

@@ -146,12 +146,15 @@ def test_episodes_are_paired_by_seed():
     np.testing.assert_array_equal(together[1].poses, alone.poses)
 
 
+def written(file, text):
+    file.write_text(text)
+    return file
+
+
 @pytest.fixture
 def bend(tmp_path):
     """A path file with one bend."""
-    file = tmp_path / "bend.csv"
-    file.write_text("x,y\n0,0\n2,0\n3,1\n")
-    return file
+    return written(tmp_path / "bend.csv", "x,y\n0,0\n2,0\n3,1\n")
 
 
 def test_a_path_of_ones_own(bend, tmp_path):
@@ -187,9 +190,8 @@ def test_a_short_table_shows_all_policies_that_are_named(option, bend, tmp_path)
 @pytest.fixture
 def goal(tmp_path):
     """A goal scenario with a post on the way."""
-    file = tmp_path / "gööl.json"
-    file.write_text('{"goal": [2, 0, 0], "obstacles": [{"kind": "circle", "x": 1, "y": 0.1, "radius": 0.1}]}')
-    return file
+    post = '{"kind": "circle", "x": 1, "y": 0.1, "radius": 0.1}'
+    return written(tmp_path / "gööl.json", f'{{"goal": [2, 0, 0], "obstacles": [{post}]}}')
 
 
 def test_a_goal_scenario_of_ones_own(goal, tmp_path):

@@ -24,13 +24,12 @@ from wayfield.policies.parts.polyline_tracker import (
     PLAN,
     UNIT,
     clearance_at,
-    clearance_prices,
     point_at,
     project,
 )
 from wayfield.policies.parts.scan_map import CELLS, CHART, enter_scan, forget, stamps
 from wayfield.policies.parts.stopping import SECTORS, SIGHTS, Scan, Seen, find_hits, free_time, remembering
-from wayfield.policies.scans.scan_planner import place_grid, plan
+from wayfield.policies.scans.scan_planner import place_grid, plan, search, search_prices
 from wayfield.system.compiled import allocating, compiled, inlined
 from wayfield.system.elementary import sin_cos
 
@@ -118,13 +117,7 @@ class CostmapController(ScanLaw):
     def maps(self, briefing: Briefing) -> Maps:
         """Returns the tables for a robot."""
         radius = briefing.robot.hull_radius
-        prices = np.array(
-            [
-                clearance_prices(radius + LEAST, radius + WANTED, WEIGHT),
-                clearance_prices(radius - GIVE, radius + WANTED, WEIGHT),
-                clearance_prices(radius + 0.5 * WANTED, 0.0, 0.0),  # where lines are drawn straight
-            ]
-        )
+        prices = search_prices(radius, LEAST, GIVE, WANTED, WEIGHT)
         reach = max(self.inflation_radius, radius + WANTED) + 1.5 * self.cell
         costs = inflated(radius, self.inflation_radius, self.cost_scaling)
         return Maps(prices, stamps(self.cell, reach), costs)
@@ -134,10 +127,7 @@ class CostmapController(ScanLaw):
         return params(
             self,
             briefing,
-            theta=False,
-            snap=4.5 * self.cell,
-            spacing=1.0,
-            rounds=20,
+            **search(self.cell),
             wanted_clearance=WANTED,
             margin=LEAST,
             replan_steps=max(round(self.replan / briefing.dt), 1),

@@ -127,19 +127,10 @@ class ScanPlanner(PolylineTracker, ScanLaw):
         """Returns the twists (b, t) in m/s and rad/s."""
         radius = briefing.robot.hull_radius
         self = _for_hull(self, radius)
-        prices = np.array(
-            [
-                clearance_prices(radius + self.margin, radius + self.wanted_clearance, self.weight),
-                clearance_prices(radius - self.give, radius + self.wanted_clearance, self.weight),
-                clearance_prices(radius + 0.5 * self.wanted_clearance, 0.0, 0.0),  # where lines are drawn straight
-            ]
-        )
+        prices = search_prices(radius, self.margin, self.give, self.wanted_clearance, self.weight)
         p = self.params(
             briefing,
-            theta=False,
-            snap=4.5 * self.cell,
-            spacing=1.0,
-            rounds=20,
+            **search(self.cell),
             recall=RECALL,
             period_steps=round(self.period / briefing.dt),
             pause_steps=round(self.pause / briefing.dt),
@@ -152,6 +143,22 @@ class ScanPlanner(PolylineTracker, ScanLaw):
     def driven(self, memory: NDArray[Any], commands: NDArray[np.float64]) -> None:
         """Takes the commands (b, 3), as the plant takes them, that were driven in place of those it asked for."""
         memory["state"]["command"] = commands
+
+
+def search(cell: float) -> dict[str, float]:
+    """Returns how `plan` looks for a way on a grid of what is seen, with cells of this side (m)."""
+    return {"theta": False, "snap": 4.5 * cell, "spacing": 1.0, "rounds": 20}
+
+
+def search_prices(radius: float, margin: float, give: float, wanted: float, weight: float) -> NDArray[np.float64]:
+    """Returns the prices of a cell, by its clearance, of each of the searches of `plan`; all in m beside the hull."""
+    return np.array(
+        [
+            clearance_prices(radius + margin, radius + wanted, weight),
+            clearance_prices(radius - give, radius + wanted, weight),
+            clearance_prices(radius + 0.5 * wanted, 0.0, 0.0),  # where lines are drawn straight
+        ]
+    )
 
 
 @functools.lru_cache

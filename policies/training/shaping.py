@@ -19,6 +19,7 @@ from wayfield.policies.parts.policy import Policy
 from wayfield.policies.pilot import Pilot
 
 Array = NDArray[np.float64]
+Infos = Mapping[str, NDArray[Any]]  # of b robots, by name
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,9 +49,7 @@ class PathReward(Gains):
     stall_share: float = gain(0.2, "1", "of the asked speed, under which a robot stalls", above=0.0)
     failure: float = gain(50.0, "1", "of leaving the corridor")
 
-    def __call__(
-        self, info: Mapping[str, NDArray[Any]], speeds: Array, changes: NDArray[Any], dt: float, share: float
-    ) -> Array:
+    def __call__(self, info: Infos, speeds: Array, changes: NDArray[Any], dt: float, share: float) -> Array:
         """Returns the rewards (b,); changes (2, b): see `changes_of`; share: of the run that is over."""
         e = (self.leniency + (1.0 - self.leniency) * min(2.0 * share, 1.0)) * np.abs(info["cross_track_error"])
         pace = info["progress"] / (speeds * dt)
@@ -78,9 +77,7 @@ class ReferenceReward(Gains):
     jerk_cost: float = gain(0.02, "1", "of changes of the action, squared")
     failure: float = gain(10.0, "1", "of leaving the tube")
 
-    def __call__(
-        self, info: Mapping[str, NDArray[Any]], speeds: Array, changes: NDArray[Any], dt: float, share: float
-    ) -> Array:
+    def __call__(self, info: Infos, speeds: Array, changes: NDArray[Any], dt: float, share: float) -> Array:
         """Returns the rewards (b,); changes (2, b): see `changes_of`; share: of the run that is over."""
         del speeds, dt, share
         coarse, fine = (
@@ -105,9 +102,7 @@ class GoalReward(Gains):
     success: float = gain(20.0, "1", "of arriving")
     collision: float = gain(60.0, "1", "of touching")
 
-    def __call__(
-        self, info: Mapping[str, NDArray[Any]], speeds: Array, changes: NDArray[Any], dt: float, share: float
-    ) -> Array:
+    def __call__(self, info: Infos, speeds: Array, changes: NDArray[Any], dt: float, share: float) -> Array:
         """Returns the rewards (b,); changes (2, b): see `changes_of`; share: of the run that is over."""
         del share
         closeness = np.clip(1.0 - info["clearance"] / self.near, 0.0, 1.0)
@@ -129,9 +124,7 @@ class TeamReward(GoalReward):
     success: float = gain(60.0, "1", "of arriving")
     collision: float = gain(150.0, "1", "of touching")
 
-    def __call__(
-        self, info: Mapping[str, NDArray[Any]], speeds: Array, changes: NDArray[Any], dt: float, share: float
-    ) -> Array:
+    def __call__(self, info: Infos, speeds: Array, changes: NDArray[Any], dt: float, share: float) -> Array:
         """Returns the rewards (b,); changes (2, b): see `changes_of`; share: of the run that is over."""
         nearer = np.minimum(info["clearance"], info["gap"])
         return super().__call__({**info, "clearance": nearer}, speeds, changes, dt, share)
