@@ -119,7 +119,8 @@ def main(
         _listed(env_id, name)
         return
     if env_id is None:
-        raise click.UsageError("ENV_ID is missing, such as wayfield/DiffDrivePathFollowing-v0")
+        of = PRESETS[name].worlds.env_ids if name in PRESETS else ("wayfield/DiffDrivePathFollowing-v0",)
+        raise click.UsageError(f"ENV_ID is missing, such as {' or '.join(of)}")
     try:
         preset = preset_for(env_id, name)
         scaled = _scaled(preset, settings, steps)
