@@ -109,8 +109,8 @@ def _claims(contest: Contest, robot: str = "p3dx", policies: Sequence[str] = (),
 
 
 _LEFT_OUT = {
-    "trajectory-tracking": "No gains were sought for `timed_ilqr` and `timed_mpc`. All have the exact pose and the "
-    "actuators of the sheet: with noise or slip the order is another. "
+    "trajectory-tracking": "All have the exact pose and the actuators of the sheet: with noise or slip the order is "
+    "another. "
 }
 
 
