@@ -46,7 +46,7 @@ OPENING = {
 }
 SENTENCE = (
     "One robot among 24 people. A trained network (above) gets to the star; a controller with standard settings "
-    "(below) crashes."
+    "(below) crashes. Your first race is in an open field."
 )
 # races by hand, the same for everybody: what each is called, its scene and its robot
 CHALLENGES = [
@@ -62,6 +62,7 @@ CHALLENGES = [
         ("moving crowd", "goal: moving_crowd", 0, "p3dx"),
         ("narrow doors", "goal: doors_narrow", 1, "p3dx"),
         ("parking", "dock: open", 0, "p3dx"),
+        ("24 people, both ways", "people: lanes_24", 0, "omni3"),  # where the page opens
     )
 ]
 

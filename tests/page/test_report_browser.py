@@ -619,6 +619,8 @@ def test_a_link_to_the_demo_shows_what_it_is(monkeypatch: pytest.MonkeyPatch, br
     (tmp_path / "demo.html").write_text(text, encoding="utf-8")
     with Watched(browser, tmp_path / "demo.html", reduced_motion="reduce") as watched:
         assert taken(watched.page, "copy link").startswith(f"{address}.html#")
+        watched.page.get_by_role("button", name="Race it").click()  # not among the 24 people of the opening
+        assert "open field" in watched.page.locator(".numbers option:checked").inner_text()
         assert [each for each in watched.requests if each.startswith("http")] == []
 
 

@@ -55,7 +55,7 @@ class Race {
     this.sentence = el("p", { class: "sentence", role: "status" });
     this.number = el("select", { "aria-label": "challenge", on: { change: () => this.open(Number(this.number.value)) } });
     replay.words.append(this.sentence);
-    this.large = [button("Race it", () => this.start()), button("Draw a path", (event) => this.draw(!event.detail)), button("Put things in its way", (event) => this.put(!event.detail))];
+    this.large = [button("Race it", () => (this.opening ? this.open(0) : this.start())), button("Draw a path", (event) => this.draw(!event.detail)), button("Put things in its way", (event) => this.put(!event.detail))];
     const front = el("div", { class: "front" }, replay.words, el("div", { class: "large" }, this.large),
       el("label", { class: "numbers" }, "challenges", this.number));
     this.list();
@@ -65,17 +65,22 @@ class Race {
 
   tellScene() {
     if (!this.sentence) return;
-    const { told: { demo }, world, other } = this.replay;
-    const opening = other && `${world.kind}: ${world.family}` === demo.opening.place.family; // still what the page opened on
+    const { told: { demo }, world } = this.replay;
     const { hand: run, editor } = this.drive;
     const hand = run && !run.actor.outcome;
     const modes = [hand && !editor.stays, editor.stays && editor.tool === "path", editor.stays && editor.tool === "disc"];
     this.large.forEach((button, k) => button.setAttribute("aria-pressed", Boolean(modes[k])));
-    this.sentence.textContent = hand ? this.asked(run) : this.run ? "Try again, take another challenge, or send a friend your run." : opening ? demo.sentence : this.closest() || ABOUT;
-    this.number.value = this.now < 0 ? "" : String(this.now);
+    this.sentence.textContent = hand ? this.asked(run) : this.run ? "Try again, take another challenge, or send a friend your run." : this.opening ? demo.sentence : this.closest() || ABOUT;
+    this.number.value = this.now < 0 || this.opening ? "" : String(this.now);
     const verdict = editor.stays && editor.tool === "disc" && world.own && this.verdict();
     if (verdict) editor.tell(`${verdict} Click or tap for another disc.`);
     if (editor.stays && this.closest()) editor.tell(`${this.closest()} Draw another line as you like.`);
+  }
+
+  // Whether there is still what the page opened on: too hard for a first race.
+  get opening() {
+    const { told: { demo }, world, other } = this.replay;
+    return Boolean(other) && !this.drive.hand && `${world.kind}: ${world.family}` === demo.opening.place.family;
   }
 
   // What the hand is to do; once nobody else is on the way, how to begin anew.
