@@ -448,6 +448,14 @@ def test_a_finger_that_stays_down_ends_a_race_on_a_card(
         fingers.lift(0)
         tab.wait_for_timeout(300)
         assert tab.evaluate("drive.hand.actor.outcome")
+        # no button is where the thumb was, and a press that began before there was a card is none of it
+        thumb = (left + 20, top + 20)
+        for each in ("Try again", "Copy a link to race this run"):
+            x0, y0, x1, y1 = box_of(tab, each)
+            assert not (x0 <= thumb[0] <= x1 and y0 <= thumb[1] <= y1)
+        again = tab.get_by_role("button", name="Try again")
+        again.dispatch_event("click", {"detail": 1})
+        assert tab.locator(".card").is_visible()
         if held == "back":  # away from the star: that ends soon
             assert tab.evaluate("[drive.hand.actor.outcome, drive.hand.tape.length < 400]") == ["left", True]
         left, top, right, bottom = picture = box_of(tab, ".board canvas")

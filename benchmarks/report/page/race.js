@@ -37,6 +37,9 @@ class Race {
     this.run = null; // whose result is shown
     this.banner = el("div", { class: "banner", hidden: true, role: "status" }); // a word in the picture
     this.card = el("div", { class: "card", hidden: true, role: "status" }); // the result beside it
+    // it comes where a thumb may still press the pad: a press counts that began on the card
+    this.card.addEventListener("pointerdown", () => { this.pressed = true; });
+    this.card.addEventListener("click", (event) => { if (event.detail && !this.pressed) event.stopPropagation(); }, true);
     drive.replay.board.append(this.banner);
     drive.replay.quick.prepend(this.card);
     if (this.challenges.length) this.lay();
@@ -241,6 +244,7 @@ class Race {
     drive.rest();
     drive.choice.hidden = true;
     app.classList.add("ended");
+    if (this.card.hidden) this.pressed = false;
     this.card.replaceChildren(...parts.filter(Boolean));
     this.card.hidden = false;
   }
