@@ -385,6 +385,30 @@ def test_a_race_has_a_result_and_its_link_carries_the_run(browser: Browser, file
         assert watched.errors == []
 
 
+def test_arrow_keys_drive_after_a_click_in_the_bar_and_work_a_list_that_tab_led_to(
+    browser: Browser, files: dict[str, Path]
+) -> None:
+    with Watched(browser, files["demo"], viewport={"width": 1440, "height": 900}, reduced_motion="reduce") as watched:
+        tab = watched.page
+        by_hand(tab)
+        tab.evaluate("() => { replay.world.obstacles.length = 1; drive.begin(drive.hand, true); }")
+        ahead = "drive.twistByHand(drive.hand.simulator)[0]"
+        for each in ("follow robot", "laser rays", "pause", "speed of the replay"):
+            tab.keyboard.press("ArrowUp")  # the clock runs
+            (tab.get_by_label(each) if "speed" in each else tab.get_by_role("button", name=each, exact=True)).click()
+            if "speed" in each:
+                tab.keyboard.press("Escape")  # the list is closed again
+            tab.keyboard.down("ArrowUp")
+            assert tab.evaluate(f"[{ahead} > 0, replay.playing, replay.rate]") == [True, True, 1]
+            tab.keyboard.up("ArrowUp")
+            assert tab.evaluate(ahead) == 0
+        tab.get_by_role("slider", name="time").focus()
+        tab.keyboard.press("Tab")
+        tab.keyboard.press("ArrowDown")
+        assert tab.evaluate("replay.rate") == 2
+        assert watched.errors == []
+
+
 def box_of(tab: Page, what: str) -> tuple[float, float, float, float]:
     """Returns left, top, right and bottom of a button, by its name, or of the picture."""
     found = tab.locator(what).first if what[0] == "." else tab.get_by_role("button", name=what, exact=True)

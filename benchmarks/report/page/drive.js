@@ -97,7 +97,15 @@ class Drive {
     replay.waits = (actor) => this.runs.some((run) => run.actor === actor && run.pending);
     replay.leaves = (actor) => this.forget(this.runs.find((run) => run.actor === actor));
     replay.ready = () => this.ready();
-    replay.canvas.addEventListener("keyup", (event) => this.key(event, false));
+    // while the hand drives, its keys do, wherever a click has left the focus; who came to a list by Tab works that
+    document.addEventListener("pointerdown", () => { this.tabbed = false; }, true);
+    document.addEventListener("keydown", (event) => {
+      const { target, key } = event;
+      if (key === "Tab") this.tabbed = true;
+      const takes = /^(text|number)$/.test(target.type) || (this.tabbed && /INPUT|SELECT/.test(target.tagName));
+      if (!takes && target !== replay.canvas && !this.editor.tool && !event.ctrlKey && !event.metaKey && !event.altKey) this.key(event, true);
+    }, true);
+    document.addEventListener("keyup", (event) => this.key(event, false));
     replay.canvas.addEventListener("blur", () => this.held.clear());
   }
 
