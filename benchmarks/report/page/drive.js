@@ -92,6 +92,7 @@ class Drive {
     replay.busy = () => Boolean(this.drives || this.runs.some((run) => run.pending && !run.actor.hidden));
     replay.driven = (event, down) => this.key(event, down);
     replay.races = () => this.drives;
+    replay.halts = () => { if (this.drives && this.hand.tape.length) this.hand.halted = true; };
     replay.spoils = () => (this.hand ? !this.hand.actor.outcome : !still());
     replay.ends = () => this.race.tellScene();
     replay.waits = (actor) => this.runs.some((run) => run.actor === actor && run.pending);
@@ -557,6 +558,8 @@ class Drive {
     const { hand, replay } = this;
     if (hand && !hand.actor.outcome) {
       if (!hand.tape.length) this.race.go();
+      if (due < hand.actor.x.length - 2) hand.halted = true; // it was wound back
+      if (replay.rate < (hand.slow ?? 1)) hand.slow = replay.rate;
       const until = Math.min(due, hand.actor.x.length + 40);
       while (hand.actor.x.length - 1 < until) {
         hand.tape.push(this.twistByHand(hand.simulator));

@@ -29,6 +29,11 @@ function unfolded(value) {
   return rows.flatMap(([count, ...twist]) => Array.from({ length: count }, () => twist));
 }
 
+// What made a run by hand easier than it is, in words; "" where nothing did.
+function easedBy({ slow = 1, halted = false }) {
+  return [slow < 1 && `at ${slow === 0.5 ? "half" : "a quarter of the"} speed`, halted && "with pauses"].filter(Boolean).join(", ");
+}
+
 class Race {
   constructor(drive) {
     this.drive = drive;
@@ -142,7 +147,7 @@ class Race {
     const { best } = this;
     this.number.replaceChildren(el("option", { value: "", disabled: true }, "choose a challenge"), ...this.challenges.map(({ name }, k) => {
       const found = best[this.key(k)];
-      return el("option", { value: k }, `${k + 1}. ${name}${found ? `: ${found.medal || "finished"}` : ""}`);
+      return el("option", { value: k }, `${k + 1}. ${name}${found ? `: ${found.medal ? `${found.medal}, ` : ""}${found.time.toFixed(2)} s` : ""}`);
     }));
     this.number.value = this.now < 0 ? "" : String(this.now);
   }
@@ -252,6 +257,7 @@ class Race {
   over(run) {
     this.run = run;
     this.nth = this.now;
+    this.before = this.nth < 0 ? null : this.best[this.key(this.nth)]; // the best until now
     this.flash(ENDED[run.actor.outcome].replace(/ in$| after$|:$/, ""));
     this.tellScene();
     this.tell();
@@ -270,7 +276,9 @@ class Race {
     const settled = rivals.every((actor) => actor.outcome || steps(actor) > steps(run.actor));
     const place = arrived(run.actor) && settled ? there.filter((each) => replay.rank(each) < replay.rank(run.actor)).length : -1;
     const medal = rivals.length && place >= 0 ? MEDALS[place] || "" : "";
-    if (place >= 0) this.keep(steps(run.actor) * DT, medal);
+    const eased = easedBy(run);
+    const best = this.nth < 0 ? "" : this.record(run, eased);
+    if (place >= 0 && !eased) this.keep(steps(run.actor) * DT, medal);
     // the better medals
     const wanted = rivals.every(({ outcome }) => outcome) ? Array.from({ length: Math.min(place < 0 ? 3 : place, 3, rivals.length) }, (_, k) => k) : [];
     const better = wanted.map((k) => `${MEDALS[k]}: ${there[k] ? replay.result(there[k]) : "any finish"}`);
@@ -282,9 +290,20 @@ class Race {
     this.say(this.ended(run, ENDED[run.actor.outcome]),
       ...(place < 0 || !rivals.length ? [] : [el("p", { class: medal ? `medal ${medal}` : "" }, `${medal ? medal[0].toUpperCase() + medal.slice(1) : "No"} medal`),
         el("p", {}, `${["1st", "2nd", "3rd"][place] || `${place + 1}th`} of ${rivals.length + 1}${there.some((each) => steps(each) === steps(run.actor)) ? ", a tie" : ""}`)]),
+      eased ? el("p", { class: "needed" }, `Driven ${eased}${this.nth < 0 ? "." : ": this does not count as a best time."}`) : null,
+      best ? el("p", { class: "needed" }, best) : null,
       rivals.length ? el("ol", { class: "order" }, rows, shown.length < order.length ? el("li", {}, el("span", {}, `and ${order.length - shown.length} others`), el("span")) : null) : null, friend ? el("p", { class: "needed" }, this.beside(run.actor, friend)) : null, better.length ? el("p", { class: "needed" }, `Needed for ${better.join(", ")}.`) : null,
       el("div", { class: "files" }, button(coarse() ? "Try again" : "Try again (R)", () => this.again(), { class: forward ? null : "go" }), next ? button(this.nth < 0 ? `Challenge 1: ${this.challenges[0].name}` : "Next challenge", () => this.open(this.nth + 1), { class: forward }) : null,
         button("Copy a link to race this run", async () => this.tell(await drive.share.link()))), button("×", () => this.close(), { class: "shut", "aria-label": "close" }), told ? el("p", { class: "note" }, told) : null);
+  }
+
+  // One's best time of the challenge, beside this one.
+  record({ actor }, eased) {
+    const { before } = this;
+    const time = (actor.x.length - 1) * DT;
+    const counts = actor.outcome === "success" && !eased;
+    if (!before) return counts ? "Your first time here, and your best." : "";
+    return counts && time < before.time ? `A new best: before it was ${before.time.toFixed(2)}\u00a0s.` : `Your best: ${before.time.toFixed(2)}\u00a0s.`;
   }
 
   // One's own run beside that of a friend, in a sentence.

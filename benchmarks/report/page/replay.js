@@ -34,6 +34,7 @@ class Replay {
     this.spoils = () => false; // whether a result would come before its picture
     this.waits = () => false; // whether a run is still to be driven
     this.races = () => false; // whether a hand drives against the others
+    this.halts = () => {}; // the picture was stopped
     this.build();
     themed.push(() => this.refresh(true));
     new ResizeObserver(() => this.refresh()).observe(this.canvas);
@@ -330,7 +331,7 @@ class Replay {
     if (on === this.playing) return;
     this.playing = on;
     this.playButton.textContent = on ? "pause" : "play";
-    if (!on) return;
+    if (!on) { this.halts(); return; }
     this.listActors();
     if (this.step >= this.last && !(this.busy && this.busy())) this.seek(0);
     let before = null;

@@ -1,7 +1,7 @@
 // Shares what is shown: a link that holds all of it, and the Python that drives the same run.
 
 const LINK = 1; // version of what a link holds
-const STATE = ["v", "robot", "actuators", "disturbance", "policy", "sheet", "place", "world", "runs", "step", "overlay", "ghost", "beside", "embed"];
+const STATE = ["v", "robot", "actuators", "disturbance", "policy", "sheet", "place", "world", "runs", "step", "overlay", "ghost", "eased", "beside", "embed"];
 const WORLD = ["kind", "name", "family", "tier", "quantity", "steps", "speed", "path", "closed", "laps", "corridor", "start", "start_offset", "start_turn", "goal", "waypoints", "obstacles", "patrols", "walls", "grid", "draws", "seed", "edited",
   "position_tolerance", "heading_tolerance", "waypoint_radius", "starts", "goals", "tracks", "walks", "bodies", "reach"];
 const EMBEDS = ["law", "scenes"]; // what a small simulator is about: its gains, or what there is to drive in
@@ -59,7 +59,7 @@ class Share {
     const own = world.edited || !place;
     const byHand = drive.runs.find((run) => run.tape.length && !run.asked.from);
     return { v: LINK, robot: replay.robot, actuators: drive.tier.value, disturbance: drive.disturbance.value, policy: drive.who.value,
-      ...(replay.robot in drive.sheets ? { sheet: drive.sheets[replay.robot] } : {}), ...(place ? { place } : {}), ...(own ? { world: stripped(world) } : {}), runs, step: byHand ? 0 : replay.step, ...(drive.looks.on ? { overlay: true } : {}), ...(byHand ? { ghost: folded(byHand.tape) } : {}), ...(replay.other ? { beside: replay.other.label } : {}) };
+      ...(replay.robot in drive.sheets ? { sheet: drive.sheets[replay.robot] } : {}), ...(place ? { place } : {}), ...(own ? { world: stripped(world) } : {}), runs, step: byHand ? 0 : replay.step, ...(drive.looks.on ? { overlay: true } : {}), ...(byHand ? { ghost: folded(byHand.tape) } : {}), ...(byHand && easedBy(byHand) ? { eased: [byHand.slow ?? 1, Boolean(byHand.halted)] } : {}), ...(replay.other ? { beside: replay.other.label } : {}) };
   }
 
   async link() {
@@ -97,6 +97,7 @@ class Share {
     if (state.place !== undefined) picks.check(state.place);
     if (state.step !== undefined && !(Number.isInteger(state.step) && state.step >= 0)) throw new Error(`step is ${quoted(state.step)}; it must be a whole number of at least 0`);
     if (state.overlay !== undefined && state.overlay !== true) throw new Error(`overlay is ${quoted(state.overlay)}; it must be true or left out`);
+    if (state.eased !== undefined && !(Array.isArray(state.eased) && RATES.includes(state.eased[0]) && typeof state.eased[1] === "boolean" && state.eased.length === 2)) throw new Error(`eased is ${quoted(state.eased)}; it must be a speed and whether there were pauses`);
     const { kind } = state.world || { kind: `${(state.place || {}).family}`.split(":")[0] };
     const task = taskOf(drive.kernels, { kind });
     const own = state.sheet !== undefined && drive.free ? [sheetOf(state.sheet, drive.kernels.tables.sheet).name] : [];
