@@ -409,6 +409,51 @@ def test_arrow_keys_drive_after_a_click_in_the_bar_and_work_a_list_that_tab_led_
         assert watched.errors == []
 
 
+def test_a_best_time_is_shown_and_an_easier_run_is_marked_and_is_none(browser: Browser, files: dict[str, Path]) -> None:
+    with Watched(browser, files["demo"], viewport={"width": 1440, "height": 900}, reduced_motion="reduce") as watched:
+        tab = watched.page
+        straight = """() => {
+          replay.world.obstacles.length = 1;
+          drive.begin(drive.hand, true);
+          drive.twistByHand = ({ pose: [x, y, heading], world: { goal } }) => {
+            const off = Math.atan2(goal[1] - y, goal[0] - x) - heading;
+            const turn = Math.atan2(Math.sin(off), Math.cos(off));
+            return [Math.abs(turn) < 0.5 ? 0.6 : 0, 0, 2 * turn];
+          };
+        }"""
+
+        def raced(*rates: float) -> str:
+            tab.evaluate("drive.race.open(0)")
+            tab.evaluate(straight)
+            tab.keyboard.press("ArrowUp")
+            for rate in rates:
+                tab.evaluate("(rate) => replay.pace(rate)", rate)
+                tab.wait_for_timeout(200)
+            watched.until(f"drive.hand.actor.outcome === 'success' && {DRIVEN}")
+            return tab.locator(".card").inner_text()
+
+        assert "Your first time here" in raced(8)
+        challenge = tab.get_by_label("challenge", exact=True)
+        best = f"{tab.evaluate('drive.hand.tape.length * DT'):.2f} s"
+        assert best in challenge.inner_text()
+        told = raced(0.5, 8)
+        assert "half speed" in told
+        assert f"Your best: {best}" in told.replace("\N{NO-BREAK SPACE}", " ")
+        assert best in challenge.inner_text()
+        # the link says so too; who loads the page again is no friend
+        other = watched.context.new_page()
+        other.goto(taken(tab, "Copy a link to race this run"))
+        other.evaluate("ready")
+        tab.reload()
+        tab.evaluate("ready")
+        for page_of, who in ((other, "A friend"), (tab, "You")):
+            assert page_of.locator(".card").inner_text().startswith(who)
+            assert "half speed" in page_of.locator(".card").inner_text()
+        tab.get_by_role("link", name="demo").click()  # the title leads back
+        assert tab.locator(".card").is_hidden()
+        assert watched.errors == []
+
+
 def box_of(tab: Page, what: str) -> tuple[float, float, float, float]:
     """Returns left, top, right and bottom of a button, by its name, or of the picture."""
     found = tab.locator(what).first if what[0] == "." else tab.get_by_role("button", name=what, exact=True)

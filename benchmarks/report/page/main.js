@@ -26,6 +26,16 @@ function wireTabs(tabs) {
   showTab(able[0][0]);
 }
 
+// What the page opens on, and what its title leads back to.
+function opening(demo) {
+  if (location.hash && location.hash !== "#replay") history.replaceState(null, "", location.href.split("#")[0]);
+  showTab("replay");
+  replay.follow(false);
+  replay.seek(0);
+  drive.share.restore(encodeURIComponent(JSON.stringify(demo.opening)));
+  if (!still()) replay.toggle(true);
+}
+
 async function main() {
   wireTheme();
   let payload;
@@ -52,6 +62,7 @@ async function main() {
     byId("summary-title").textContent = "What this is";
     byId("summary").append(document.querySelector("dl.made"));
     Object.assign(NAMES, told.demo.names);
+    byId("title").replaceChildren(el("a", { href: "#", title: "back to the start", on: { click: (event) => { event.preventDefault(); if (drive) opening(told.demo); } } }, byId("title").textContent));
   }
   else if (driven) byId("player").before(verdict());
   if (!driven) return;
@@ -67,10 +78,7 @@ async function main() {
     const slice = ([at, length]) => packed.slice(at, at + length);
     const tables = { ...told.kernels, blobs: told.kernels.blobs.map(slice) };
     drive = new Drive(replay, await Kernels.load(slice(told.kernels.module), tables), Boolean(told.demo));
-    if (!restored() && told.demo) {
-      drive.share.restore(encodeURIComponent(JSON.stringify(told.demo.opening)));
-      if (!still()) replay.toggle(true);
-    }
+    if (!restored() && told.demo) opening(told.demo);
   } catch (error) {
     replay.side.prepend(el("p", { class: "problem" }, `Nothing can be driven here: ${error.message}.`));
   }

@@ -309,12 +309,13 @@ class Race {
   // One's own run beside that of a friend, in a sentence.
   beside(mine, friend) {
     const arrived = [mine, friend].map(({ outcome }) => outcome === "success");
+    const who = friend.own ? "run before" : "friend";
     const [gap, last] = [friend.x.length - mine.x.length, friend.x.length - 1].map((steps) => `${Math.abs(steps * DT).toFixed(2)}\u00a0s`);
-    if (!friend.outcome) return "Your friend is still driving.";
-    if (!arrived[1]) return `Your friend did not arrive${arrived[0] ? ": you win" : " either"}.`;
-    if (!arrived[0]) return `Your friend arrived in ${last}.`;
-    if (friend.x.length === mine.x.length) return "You and your friend took the same time.";
-    return friend.x.length > mine.x.length ? `You beat your friend by ${gap}.` : `Your friend was ${gap} faster.`;
+    if (!friend.outcome) return `Your ${who} is still on its way.`;
+    if (!arrived[1]) return `Your ${who} did not arrive${arrived[0] ? ": you win" : " either"}.`;
+    if (!arrived[0]) return `Your ${who} arrived in ${last}.`;
+    if (friend.x.length === mine.x.length) return `You and your ${who} took the same time.`;
+    return friend.x.length > mine.x.length ? `You beat your ${who} by ${gap}.` : `Your ${who} was ${gap} faster.`;
   }
 
   // How a run by hand ended, and its time: the one large number of a card.
@@ -338,7 +339,8 @@ class Race {
   challenged(run) {
     this.drive.replay.choose(run.actor);
     while (run.pending) this.drive.pump(1); // who is looked at goes first
-    this.say(this.ended(run, `A friend ${(ENDED[run.actor.outcome] || "drove for").toLowerCase()}`), el("p", {}, "Can you do better?"),
+    const eased = easedBy(run);
+    this.say(this.ended(run, `${run.actor.own ? "You" : "A friend"} ${(ENDED[run.actor.outcome] || "drove for").toLowerCase()}`), eased ? el("p", {}, `driven ${eased}`) : null, el("p", {}, "Can you do better?"),
       el("div", { class: "files" }, button("Race the ghost (R)", () => this.again(), { class: "go" }), button("watch first", () => { this.close(); this.replay.toggle(true); })));
   }
 }

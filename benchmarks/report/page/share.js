@@ -67,7 +67,7 @@ class Share {
     const state = JSON.stringify(this.state());
     const { site } = replay.told.demo || {};
     const url = `${site || location.href.split("#")[0]}#${encodeURIComponent(state)}`;
-    history.replaceState(null, "", `#${encodeURIComponent(state)}`);
+    history.replaceState({ own: true }, "", `#${encodeURIComponent(state)}`); // who loads the page again is no friend
     const there = await copied(url);
     if (!there) { this.field.value = url; this.field.select(); }
     const told = there ? "Link copied." : "The browser lets nothing be copied: the link stands in the address bar, and in the field under Share.";
@@ -119,7 +119,7 @@ class Share {
   }
 
   // Shows what a link holds; an Error says what is wrong with it.
-  restore(text) {
+  restore(text, own = false) {
     const { drive, replay } = this;
     const { state, world, ghost } = this.read(text);
     if (state.sheet !== undefined && drive.free) drive.adopt(state.sheet);
@@ -157,6 +157,8 @@ class Share {
     }
     if (state.overlay === true) drive.looks.turn(true);
     const friend = ghost && drive.add({ label: GHOST, tape: ghost });
+    if (friend && state.eased) [friend.slow, friend.halted] = state.eased;
+    if (friend && own) [friend.actor.own, friend.actor.label] = [true, "your last run"];
     if (state.step) drive.pump(AHEAD);
     replay.stretch();
     replay.seek(state.step ?? 0);
@@ -325,7 +327,7 @@ function restored() {
   const text = location.hash.slice(1);
   if (!text || text === "replay") return false; // the link that skips to the simulator
   try {
-    drive.share.restore(text);
+    drive.share.restore(text, Boolean(history.state && history.state.own));
     return true;
   } catch (error) {
     problem(`The link cannot be opened: ${error.message}. The page shows its first scenario.`);
