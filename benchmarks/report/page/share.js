@@ -28,7 +28,7 @@ class Share {
   paste(text, tell = problem) {
     const [, held] = text.trim().split("#");
     if (!held) {
-      if (tell !== problem && text) tell("That is no whole link: it has a # in it.");
+      if (tell !== problem && text) tell(`That is no link to a run. One looks like ${(this.replay.told.demo || {}).site || "file:///…/demo.html"}#%7B%22v%22…: paste all of it.`);
       return;
     }
     const before = encodeURIComponent(JSON.stringify(this.state()));
