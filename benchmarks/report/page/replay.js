@@ -58,7 +58,7 @@ class Replay {
     this.scrubber = el("input", { type: "range", min: 0, max: 1, value: 0, "aria-label": "time", on: { input: () => this.seek(Number(this.scrubber.value)) } });
     this.rates = el("select", { "aria-label": "speed of the replay", title: "speed", on: { change: () => { this.rate = Number(this.rates.value); } } },
       RATES.map((rate) => el("option", { value: rate, selected: rate === PLAYBACK }, `${rate}x`)));
-    this.followButton = button("follow robot", () => this.follow(!this.follows), { class: "stepwise", "aria-pressed": "false", title: "the picture goes with the chosen robot" });
+    this.followButton = button("follow robot", () => { if (this.follows) this.whole(); else this.follow(true); }, { class: "stepwise", "aria-pressed": "false", title: "the picture goes with the chosen robot" });
     this.scanButton = button("laser rays", () => this.rays(!this.scans), { "aria-pressed": "false" });
     this.chartButton = button("charts", () => this.plot(!this.plots), { "aria-pressed": String(this.plots), title: "distance, speed and clearance over time" });
     this.splitButton = button("side by side", () => this.split(this.other ? null : this.actors.find((actor) => actor !== this.chosen && !actor.hidden)), { "aria-pressed": "false", class: "kept", title: "two runs side by side" });
@@ -67,10 +67,10 @@ class Replay {
     this.order = el("p", { class: "note" });
     this.picks = el("div", { class: "pick" });
     this.told_of = el("p", { class: "note" });
-    this.fitButton = button("whole scene", () => { this.follow(false); this.fit(); }, { hidden: true, title: "the picture was moved or zoomed: back to all of it" });
+    this.fitButton = button("whole scene", () => this.whole(), { hidden: true, title: "the picture was moved or zoomed: back to all of it" });
     this.bar = el("div", { class: "bar" }, this.playButton, button("rewind", () => this.seek(0)),
-      this.scrubber, this.clock, this.rates, this.followButton, this.scanButton, this.splitButton,
-      recordButton(this), this.chartButton, this.fitButton);
+      this.scrubber, this.clock, this.rates, this.followButton, this.fitButton, this.scanButton, this.splitButton,
+      recordButton(this), this.chartButton);
     this.hint = el("p", { class: "hint", hidden: true, role: "status" });
     this.words = el("div", { class: "words" }, this.hint); // beside the picture, never over it
     this.board = el("div", { class: "board" }, this.canvas, this.beside, this.panes);
@@ -145,7 +145,7 @@ class Replay {
     const keys = {
       " ": () => this.toggle(), ArrowLeft: () => this.stepBy(event.shiftKey ? -20 : -1), ArrowRight: () => this.stepBy(event.shiftKey ? 20 : 1),
       Home: () => this.seek(0), End: () => this.seek(this.last), "+": () => this.faster(1), "-": () => this.faster(-1),
-      f: () => this.follow(!this.follows), i: () => this.near(1.25), o: () => this.near(0.8),
+      f: () => this.followButton.click(), i: () => this.near(1.25), o: () => this.near(0.8),
     };
     if (!keys[event.key]) return;
     event.preventDefault();
@@ -167,8 +167,14 @@ class Replay {
     this.refresh();
   }
 
+  whole() {
+    this.follow(false);
+    this.fit();
+  }
+
   follow(on) {
     this.follows = on;
+    this.leads = false;
     this.followButton.setAttribute("aria-pressed", on);
     this.refresh();
   }
