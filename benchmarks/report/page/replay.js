@@ -370,6 +370,13 @@ class Replay {
     this.refresh();
   }
 
+  // Whose others are drawn: those of who is looked at, and once that run is over those of one that goes on.
+  company(chosen, actors) {
+    if (!chosen || !chosen.others) return null;
+    if (!chosen.outcome || this.step < chosen.x.length) return chosen;
+    return actors.filter(({ x, others }) => others && others.length && x.length > chosen.x.length).sort((a, b) => b.x.length - a.x.length)[0] || chosen;
+  }
+
   // Draws a pane: the scene at this moment, the actors in it, of one of them the scan and what it looks at.
   paint(view, actors, chosen, pane) {
     const { world, step } = this;
@@ -382,7 +389,8 @@ class Replay {
       drawScan(context, [...solidsAt(world, step * DT), ...bodiesAt(world, chosen, step, hull)], chosen.x[k], chosen.y[k], chosen.heading[k], pixel, colourName(chosen.policy));
     }
     if (this.under) this.under(view, chosen, pane);
-    if (chosen && chosen.others && world.bodies) drawBodies(context, world, chosen, step, hull, pixel);
+    const company = world.bodies && this.company(chosen, actors);
+    if (company) drawBodies(context, world, company, step, hull, pixel);
     actors.filter((actor) => actor !== chosen).forEach((actor, k) => drawActor(context, actor, step, hull, pixel, false, LANES[k % LANES.length]));
     if (chosen) drawActor(context, chosen, step, hull, pixel, true);
     if (!this.blank) drawStars(context, world, pixel);
