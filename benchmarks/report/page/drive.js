@@ -281,6 +281,9 @@ class Drive {
     this.layPad();
     this.replay.pace(1);
     this.replay.fit();
+    const { view } = this.replay;
+    this.replay.leads = Math.min(view.width, view.height) < 480 && view.pixels < NEAR;
+    if (this.replay.leads) this.replay.app.style.setProperty("--tall", "1");
     this.race.clear();
     this.race.tellScene();
     this.replay.listActors();
@@ -361,6 +364,7 @@ class Drive {
   endHand() {
     this.race.clear();
     this.rest();
+    if (this.replay.leads) this.replay.whole();
     if (!this.hand) return;
     this.replay.pace(PLAYBACK);
     if (this.hand.simulator) this.hand.simulator.free();
@@ -500,6 +504,7 @@ class Drive {
     run.pending = false;
     run.measures = this.measured(actor);
     actor.note = [run.exact, `${run.measures.time.toFixed(2)} s`, run.measures.error === null || outcome !== "success" ? "" : `typically ${short(1000 * run.measures.error)} mm off`].filter(Boolean).join(", ");
+    if (run === this.hand && this.replay.leads) this.replay.whole();
     if (run === this.hand) this.race.over(run);
     else this.race.tell();
     if (run === this.hand || this.runs.length === 1) say(`${actor.label}: ${OUTCOMES[outcome]} after ${run.measures.time.toFixed(2)} s.`);

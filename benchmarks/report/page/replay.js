@@ -24,6 +24,7 @@ class Replay {
     this.rate = PLAYBACK;
     this.playing = false;
     this.follows = false;
+    this.leads = false; // whether the picture, a small one, is near the hand
     this.scans = false;
     this.plots = !told.demo;
     this.actors = [];
@@ -394,7 +395,8 @@ class Replay {
     actors.filter((actor) => actor !== chosen).forEach((actor, k) => drawActor(context, actor, step, hull, pixel, false, LANES[k % LANES.length]));
     if (chosen) drawActor(context, chosen, step, hull, pixel, true);
     if (!this.blank) drawStars(context, world, pixel);
-    if (!this.other && actors.length > 1) drawNames(context, view, [...new Set([chosen, ...actors])].filter(Boolean), step, hull, pixel);
+    if (this.leads) drawWay(context, view, world, pixel);
+    if (!this.other && actors.length > 1) drawNames(context, view, [...new Set([chosen, ...actors])].filter(Boolean), step, hull, pixel, company ? bodiesAt(world, company, step, hull) : []);
     return context;
   }
 
@@ -407,8 +409,12 @@ class Replay {
       view.middle = [chosen.x[k], chosen.y[k]];
       view.zoom = Math.max(view.zoom, 2.5);
     }
+    if (this.leads && chosen) {
+      const k = Math.min(step, chosen.x.length - 1);
+      view.lead([chosen.x[k], chosen.y[k]], world.goal);
+    }
     const shown = this.actors.filter((actor) => !actor.hidden);
-    this.fitButton.hidden = !view.middle || this.follows;
+    this.fitButton.hidden = !view.middle || this.follows || this.leads;
     this.followButton.hidden = !this.fitButton.hidden;
     this.scanButton.hidden = !(world.bodies || world.walls || (world.obstacles && world.obstacles.length)); // nothing to see
     if (this.actors.filter((actor) => this.tells(actor)).length !== this.listed) {

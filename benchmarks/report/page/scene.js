@@ -151,6 +151,23 @@ function drawStars(context, world, pixel) {
   if (goal) flag(context, goal[0], goal[1], 9 * pixel);
 }
 
+// Where the star is that a near picture does not hold, at its edge, and how far.
+function drawWay(context, view, { path, closed, goal }, pixel) {
+  const [x, y] = goal || (path && path[closed ? 0 : path.length - 1]) || view.centre;
+  const [cx, cy] = view.centre;
+  const room = [view.width, view.height].map((side) => side / 2 - 24);
+  const [dx, dy] = [(x - cx) / pixel, (y - cy) / pixel];
+  const out = Math.max(Math.abs(dx) / room[0], Math.abs(dy) / room[1]);
+  if (out <= 1.08) return;
+  const [ax, ay] = [cx + (dx / out) * pixel, cy + (dy / out) * pixel];
+  flag(context, ax, ay, 9 * pixel);
+  context.save();
+  context.scale(pixel, -pixel);
+  [context.font, context.textAlign, context.lineWidth, context.strokeStyle, context.fillStyle] = ["600 13px system-ui, sans-serif", "center", 4, ink("--paper"), ink("--goal")];
+  for (const how of ["strokeText", "fillText"]) context[how](`${Math.round(Math.hypot(x - cx, y - cy))} m`, ax / pixel, -ay / pixel + (dy < 0 ? -12 : 22));
+  context.restore();
+}
+
 function drawObstacle(context, [x, y, cos, sin, l, w, r, mass], pixel, colour = "--solid") {
   context.fillStyle = context.strokeStyle = ink(colour);
   context.beginPath();
@@ -230,8 +247,8 @@ function drawActor(context, actor, k, hull, pixel, chosen, lane = 0) {
   context.globalAlpha = 1;
 }
 
-// Who is who, above the robots or below, one above the other where some stand close; those on one spot are counted.
-function drawNames(context, view, actors, k, hull, pixel) {
+// Who is who, beside the robots, clear of them and of other bodies; those on one spot are counted. A name without room is left out.
+function drawNames(context, view, actors, k, hull, pixel, bodies) {
   const placed = [];
   const [middle, height] = [view.centre[0] * view.pixels, -view.centre[1] * view.pixels];
   context.save();
@@ -240,6 +257,7 @@ function drawNames(context, view, actors, k, hull, pixel) {
   context.textAlign = "center";
   context.lineWidth = 4;
   const spots = [];
+  const solid = [...bodies.map(([x, y, , , , , radius]) => [x, -y, radius]), ...actors.map(({ x, y }) => [x[Math.min(k, x.length - 1)], -y[Math.min(k, y.length - 1)], hull])];
   for (const { x, y, label, policy, outcome } of actors) {
     const last = Math.min(k, x.length - 1);
     if (k > last && !outcome) continue; // it waits
@@ -251,15 +269,17 @@ function drawNames(context, view, actors, k, hull, pixel) {
     const name = !more ? spot.name : policy === KEYBOARD ? `you and ${more} more` : `${more + 1} robots`;
     const half = context.measureText(name).width / 2 + 4;
     const room = Math.max(view.width / 2 - half, 0);
-    const at = Math.min(Math.max(x / pixel, middle - room), middle + room);
-    const [above, below] = [(-y - hull) / pixel - 6, (-y + hull) / pixel + 16];
-    const free = [0, 1, 2, -1, -2].map((row) => (row < 0 ? below - 16 * (row + 1) : above - 16 * row))
-      .find((foot) => Math.abs(foot - 5 - height) < view.height / 2 - 8 && placed.every(([px, py, ph]) => Math.abs(px - at) > ph + half || Math.abs(py - foot) >= 16));
-    if (free === undefined) continue;
-    placed.push([at, free, half]);
+    const [above, below, aside] = [(-y - hull) / pixel - 6, (-y + hull) / pixel + 16, hull / pixel + half + 2];
+    const places = [[0, above], [0, below], [aside, -y / pixel + 5], [-aside, -y / pixel + 5], ...[16, 32, 48].flatMap((off) => [[0, above - off], [0, below + off]])];
+    const free = places.map(([dx, foot]) => [Math.min(Math.max(x / pixel + dx, middle - room), middle + room), foot])
+      .find(([at, foot]) => Math.abs(foot - 5 - height) < view.height / 2 - 8 && placed.every(([px, py, ph]) => Math.abs(px - at) > ph + half || Math.abs(py - foot) >= 16)
+        && solid.every(([bx, by, br]) => Math.hypot(Math.max(Math.abs(bx / pixel - at) - half + 4, 0), Math.max(Math.abs(by / pixel - foot + 4) - 6, 0)) >= br / pixel));
+    if (!free) continue;
+    const [at, foot] = free;
+    placed.push([at, foot, half]);
     context.strokeStyle = ink("--paper");
     context.fillStyle = ink(colourName(policy));
-    for (const how of ["strokeText", "fillText"]) context[how](name, at, free);
+    for (const how of ["strokeText", "fillText"]) context[how](name, at, foot);
   }
   context.restore();
 }

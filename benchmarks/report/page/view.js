@@ -1,5 +1,7 @@
 // Metres to pixels: fits a world into a canvas, zooms, moves, follows.
 
+const NEAR = 64; // px of a metre, on a small picture of who is driven by hand
+
 class View {
   constructor(canvas) {
     this.canvas = canvas;
@@ -44,6 +46,19 @@ class View {
     const [x0, y0, x1, y1] = this.bounds;
     this.bounds = [Math.min(x0, x - margin), Math.min(y0, y - margin), Math.max(x1, x + margin), Math.max(y1, y + margin)];
     [this.zoom, this.middle] = [1, null];
+  }
+
+  // Nearer to a place where the whole is small, some way towards another, and within the bounds.
+  lead([x, y], goal) {
+    const [x0, y0, x1, y1] = this.bounds;
+    this.zoom = 1;
+    if (this.pixels >= NEAR) { this.middle = null; return; }
+    this.zoom = NEAR / this.pixels;
+    const half = [this.width, this.height].map((side) => side / 2 / NEAR);
+    const [dx, dy] = goal ? [goal[0] - x, goal[1] - y] : [0, 0];
+    const share = Math.min(1, (0.5 * Math.min(...half)) / Math.max(Math.hypot(dx, dy), 0.01));
+    const within = (at, low, high, k) => (high - low < 2 * half[k] ? (low + high) / 2 : Math.min(Math.max(at, low + half[k]), high - half[k]));
+    this.middle = [within(x + share * dx, x0, x1, 0), within(y + share * dy, y0, y1, 1)];
   }
 
   get pixels() { // of a metre
