@@ -681,7 +681,7 @@ def test_runs_chosen_in_the_page_are_those_of_python(browser: Browser, files: di
             told.append(
                 choose("who drives", lambda each, policy=policy: each.startswith(policy) and each[:4] != "you,")
             )
-            tab.get_by_role("button", name="watch this one").click()
+            tab.get_by_role("button", name="add this one").click()
             watched.until(DRIVEN)
             assert tab.evaluate("replay.chosen.policy") == told[-1]
             same_in_python(tab, told[-1])

@@ -54,7 +54,7 @@ class Drive {
     const [disturbance, disturbanceLabel] = select("disturbance", Object.keys(kernels.tables.disturbances));
     Object.assign(this, { who, from, robot, tier, disturbance });
     tier.value = "lagged";
-    this.goButton = button("watch this one", () => this.go());
+    this.goButton = button("add this one", () => this.go());
     this.allButton = button("watch all", () => this.all());
     this.handButton = free ? null : button("drive it yourself", () => this.race.start()); // elsewhere it stands above the picture
     this.result = el("p", { class: "note", role: "status" });
