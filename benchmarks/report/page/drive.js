@@ -213,7 +213,7 @@ class Drive {
     else if (label) this.add({ label, from, step });
     replay.seek(step);
     this.catchUp();
-    if (play) replay.canvas.focus({ preventScroll: true });
+    if (play) { replay.canvas.focus({ preventScroll: true }); replay.canvas.scrollIntoView({ block: "nearest" }); }
     if (label !== KEYBOARD && (play || !still())) replay.toggle(true);
   }
 

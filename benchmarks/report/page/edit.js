@@ -124,7 +124,7 @@ class Editor {
       this.cross = [...this.replay.view.centre];
       canvas.focus({ preventScroll: true });
     }
-    if (tool !== null) canvas.scrollIntoView({ block: "nearest" }); // on a phone the tools lie below the picture
+    if (tool !== null) for (const each of [canvas, this.replay.words]) each.scrollIntoView({ block: "nearest" }); // on a phone the tools lie below the picture
     this.replay.refresh();
     this.drive.race.tellScene();
   }
@@ -133,6 +133,7 @@ class Editor {
   tell(text) {
     const { hint, world: { own } } = this.replay;
     hint.hidden = this.tool === null;
+    hint.classList.toggle("long", `${text}${this.keys ? BY_KEYS : ""}`.length > 0.6 * LONG_LINE);
     hint.replaceChildren(...(this.tool === null ? [] : [text + (this.keys ? BY_KEYS : ""), own ? button("undo last", () => this.takeBack()) : null, button("done", () => this.done())].filter(Boolean)));
   }
 

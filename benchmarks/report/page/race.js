@@ -6,6 +6,7 @@ const MEDALS = ["gold", "silver", "bronze"];
 const ENDED = { success: "Finished in", collision: "Crashed after", left_corridor: "Off the path after", timeout: "Out of time:", left: "Drove off after" };
 const ABOUT = "Beat controllers and a trained network by hand, or watch them drive.";
 const ASKED = { path: "Follow the path to the star", dock: "Park on the star, facing the way its line points" };
+const LONG_LINE = 120; // characters that two lines hold
 const coarse = () => window.matchMedia("(pointer: coarse)").matches;
 
 const still = () => window.matchMedia("(prefers-reduced-motion: reduce)").matches;
@@ -78,11 +79,18 @@ class Race {
     const hand = run && !run.actor.outcome;
     const modes = [hand && !editor.stays, editor.stays && editor.tool === "path", editor.stays && editor.tool === "disc"];
     this.large.forEach((button, k) => button.setAttribute("aria-pressed", Boolean(modes[k])));
-    this.sentence.textContent = hand ? this.asked(run) : this.run ? "Try again, take another challenge, or send a friend your run." : this.opening ? demo.sentence : this.closest() || ABOUT;
+    const text = hand ? this.asked(run) : this.run ? "Try again, take another challenge, or send a friend your run." : this.opening ? demo.sentence : this.closest() || ABOUT;
+    this.headline(text);
     this.number.value = this.now < 0 || this.opening ? "" : String(this.now);
     const verdict = editor.stays && editor.tool === "disc" && world.own && this.verdict();
     if (verdict) editor.tell(`${verdict} Click or tap for another disc.`);
     if (editor.stays && this.closest()) editor.tell(`${this.closest()} Draw another line as you like.`);
+  }
+
+  // Long ones are smaller: the picture below stays where it is.
+  headline(text) {
+    this.sentence.textContent = text;
+    this.sentence.classList.toggle("long", text.length > LONG_LINE);
   }
 
   // Whether there is still what the page opened on: too hard for a first race.
@@ -114,7 +122,7 @@ class Race {
   // While the hand drives: what it is told changes once it does, and once the others have ended.
   watch() {
     const told = this.asked(this.drive.hand);
-    if (this.sentence && this.sentence.textContent !== told) this.sentence.textContent = told;
+    if (this.sentence && this.sentence.textContent !== told) this.headline(told);
   }
 
   // How the runs ended among what was put in their way, once all have.
@@ -216,7 +224,10 @@ class Race {
 
   // One large word in the picture for a moment.
   flash(word) {
+    const { view, chosen, step } = this.replay;
     this.banner.textContent = word;
+    // not over the robot that it is about
+    this.banner.style.top = !chosen || chosen.y[Math.min(step, chosen.y.length - 1)] > view.centre[1] ? "80%" : "20%";
     this.banner.hidden = false;
     clearTimeout(this.timer);
     this.timer = setTimeout(() => { this.banner.hidden = true; }, 900);
