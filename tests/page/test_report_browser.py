@@ -703,12 +703,18 @@ def test_a_link_to_the_demo_shows_what_it_is(monkeypatch: pytest.MonkeyPatch, br
 
 def test_what_is_shown_is_recorded(browser: Browser, files: dict[str, Path], tmp_path: Path) -> None:
     with Watched(browser, files["demo"], viewport={"width": 1280, "height": 800}) as watched:
+        watched.page.evaluate("drive.add({ label: 'vfh_plus' }); drive.pump(20000)")
         with watched.page.expect_download() as download:
             watched.page.get_by_role("button", name="record").click()
             watched.page.wait_for_timeout(1000)
             watched.page.get_by_role("button", name="stop recording").click()
         download.value.save_as(tmp_path / "film.webm")
         assert 0 < (tmp_path / "film.webm").stat().st_size < 3e6 / 4.0
+        assert "wayfield.webm" in watched.page.locator(".sentence").inner_text()
+        watched.page.evaluate("replay.seek(replay.last - 20)")
+        with watched.page.expect_download():  # at the end of the run by itself
+            watched.page.get_by_role("button", name="record").click()
+        assert watched.page.evaluate("replay.step === replay.last")
         assert watched.errors == []
 
 

@@ -92,6 +92,10 @@ class Drive {
     replay.busy = () => Boolean(this.drives || this.runs.some((run) => run.pending && !run.actor.hidden));
     replay.driven = (event, down) => this.key(event, down);
     replay.races = () => this.drives;
+    replay.saved = (text) => {
+      this.result.textContent = text;
+      if (this.race.sentence) this.race.headline(text);
+    };
     replay.halts = () => { if (this.drives && this.hand.tape.length) this.hand.halted = true; };
     replay.spoils = () => (this.hand ? !this.hand.actor.outcome : !still());
     replay.ends = () => this.race.tellScene();

@@ -1,6 +1,6 @@
 // Records the picture as a film: WebM, as the browser makes it.
 
-const FILM = { seconds: 8, rate: 12, bits: 2.4e6, width: 960 }; // at most 3 MB
+const FILM = { seconds: 20, rate: 12, bits: 1.2e6, width: 960, rests: 10, name: "wayfield.webm" }; // at most 3 MB
 
 // The panes as they are on the screen, on paper.
 function framed(film, { board, canvas, beside }) {
@@ -15,25 +15,42 @@ function framed(film, { board, canvas, beside }) {
   }
 }
 
+// Until it is stopped, or the run is over. The replay waits for the film: however slow the machine, none of its moments is lost.
 function recordButton(replay) {
   let recorder = null;
-  const button = el("button", { type: "button", class: "stepwise record", title: `a film of ${FILM.seconds} s`, on: { click: () => (recorder ? recorder.stop() : begin()) } }, "record");
+  const button = el("button", { type: "button", class: "stepwise record", title: `a film of at most ${FILM.seconds} s`, on: { click: () => (recorder ? recorder.stop() : begin()) } }, "record");
   const begin = () => {
     const { width, height } = replay.board.getBoundingClientRect();
     const film = el("canvas", { width: Math.min(Math.round(width), FILM.width), height: Math.round(Math.min(1, FILM.width / width) * height) });
     framed(film, replay);
     const parts = [];
-    recorder = new MediaRecorder(film.captureStream(FILM.rate), { mimeType: "video/webm", videoBitsPerSecond: FILM.bits });
-    const [paints, ends] = [setInterval(() => framed(film, replay), 1000 / FILM.rate), setTimeout(() => recorder.stop(), 1000 * FILM.seconds)];
+    let [count, at, rests] = [0, 0, 0];
+    const frame = () => {
+      if (recorder.state !== "recording" || performance.now() - at < 1000 / FILM.rate - 5) return;
+      at = performance.now();
+      framed(film, replay);
+      if (++count > FILM.seconds * FILM.rate) recorder.stop();
+    };
+    recorder = new MediaRecorder(film.captureStream(), { mimeType: "video/webm", videoBitsPerSecond: FILM.bits });
+    replay.filmed = frame;
+    const rest = setInterval(() => { // its last picture stands for a moment
+      rests = replay.playing ? 0 : rests + 1;
+      if (rests) frame();
+      if (rests > FILM.rests) recorder.stop();
+    }, 1000 / FILM.rate);
     recorder.ondataavailable = (event) => parts.push(event.data);
     recorder.onstop = () => {
-      clearInterval(paints);
-      clearTimeout(ends);
-      [recorder, button.textContent] = [null, "record"];
-      downloaded(new Blob(parts, { type: "video/webm" }), "wayfield.webm");
+      clearInterval(rest);
+      [recorder, replay.filmed, button.textContent] = [null, null, "record"];
+      button.removeAttribute("aria-label");
+      button.classList.remove("on");
+      downloaded(new Blob(parts, { type: "video/webm" }), FILM.name);
+      replay.saved(`The film was saved as ${FILM.name}, where your browser keeps downloads.${count > FILM.seconds * FILM.rate ? ` It holds ${FILM.seconds} s, and no more.` : ""}`);
     };
     recorder.start();
-    button.textContent = "● stop recording";
+    button.textContent = "■ stop";
+    button.setAttribute("aria-label", "stop recording");
+    button.classList.add("on");
     replay.toggle(true);
   };
   button.hidden = typeof MediaRecorder === "undefined" || !MediaRecorder.isTypeSupported("video/webm");

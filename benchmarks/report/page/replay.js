@@ -36,6 +36,7 @@ class Replay {
     this.waits = () => false; // whether a run is still to be driven
     this.races = () => false; // whether a hand drives against the others
     this.halts = () => {}; // the picture was stopped
+    this.saved = say; // tells of a file
     this.build();
     themed.push(() => this.refresh(true));
     new ResizeObserver(() => this.refresh()).observe(this.canvas);
@@ -346,13 +347,14 @@ class Replay {
     const frame = (now) => {
       if (!this.playing) return;
       const begun = performance.now();
-      due = (Math.abs(due - this.step) > 1 ? this.step : due) + (before === null ? 0 : (Math.min(now - before, 200) / 1000 / DT) * this.rate);
+      due = (Math.abs(due - this.step) > 1 ? this.step : due) + (before === null ? 0 : (Math.min(now - before, this.filmed ? 1000 / FILM.rate : 200) / 1000 / DT) * this.rate);
       before = now;
       if (this.advance) this.advance(Math.floor(due)); // a robot that drives now makes the time
       const ready = this.ready ? this.ready() : Infinity;
       const waits = due > ready && this.step >= ready; // nothing new to draw
       due = Math.min(due, Math.max(ready, this.step));
       if (!waits) this.seek(Math.min(Math.floor(due), this.last));
+      if (this.filmed) this.filmed();
       this.script = performance.now() - begun;
       if (this.step >= this.last && !(this.busy && this.busy())) this.toggle(false);
       else requestAnimationFrame(frame);
