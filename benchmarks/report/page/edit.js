@@ -1,9 +1,9 @@
 // Edits the scene: things are moved, resized and turned by their handles, drawn by a drag, and paths by a pen.
 
-const TOOLS = { move: "move", disc: "disc", box: "box", wall: "wall", path: "path" };
+const TOOLS = { move: "move", disc: "disc", box: "box", wall: "wall", path: "path", remove: "delete" };
 const HINTS = { move: "Drag things; the small squares resize and turn them.", disc: "Click or tap where a disc is to stand; drag for a larger one.", box: "Click or tap where a box is to stand; drag for a larger one.",
-  wall: "Click or tap where a wall is to stand, or drag from end to end.", path: "Draw a line in the picture: all controllers follow it when you let go." };
-const AGAIN = { disc: "Its run is computed anew, from the start. Click or tap for another disc.", path: "They follow your line. Draw another one as you like." };
+  wall: "Click or tap where a wall is to stand, or drag from end to end.", path: "Draw a line in the picture: all controllers follow it when you let go.", remove: "Click or tap what is to go." };
+const AGAIN = { ...Object.fromEntries(["disc", "box", "wall"].map((each) => [each, `The run is computed anew, from the start. Click or tap for another ${each}.`])), path: "They follow your line. Draw another one as you like." };
 const BY_KEYS = " Arrow keys move the cross (Shift: farther), Enter presses and lets go, Escape ends.";
 const CLICKED = 0.3; // m, from the middle to the edges of what a click puts down
 const SPACING = 0.1; // m between the points of a drawn path
@@ -78,10 +78,13 @@ class Editor {
     this.replay = drive.replay;
     this.tool = null;
     this.handle = null; // what was grabbed last
-    this.buttons = Object.fromEntries(Object.entries(TOOLS).map(([tool, text]) => [tool, button(text, (event) => this.take(this.tool === tool ? null : tool, !event.detail), { "aria-pressed": "false" })]));
+    this.buttons = Object.fromEntries(Object.entries(TOOLS).map(([tool, text]) => [tool, button(text, (event) => {
+      if (tool === "remove" && this.tool === "move" && this.handle && this.handle.kind === "obstacle") this.remove(); // the one that was chosen
+      else this.take(this.tool === tool ? null : tool, !event.detail);
+    }, { "aria-pressed": "false" })]));
     this.file = el("input", { type: "file", accept: ".json,application/json,image/*,.yaml,.yml", multiple: true, class: "hidden", tabindex: "-1", "aria-label": "scenario, image of a map or robot's data sheet", on: { change: () => this.load([...this.file.files]) } });
     this.part = el("details", {}, el("summary", {}, "Edit the scene"), el("div", { class: "files" }, Object.values(this.buttons)),
-      el("div", { class: "files" }, button("delete", () => this.remove(), { title: "the thing that was moved or put last" }), button("reset scene", () => this.undo())));
+      el("div", { class: "files" }, button("reset scene", () => this.undo())));
     this.files = [button("save scenario", () => this.save()), button("open scenario, map or robot", () => this.file.click()), this.file];
     this.replay.overlay = (context, pixel) => this.marks(context, pixel);
     this.cross = null; // m, where the keys have led
@@ -105,7 +108,8 @@ class Editor {
   }
 
   // Chooses a tool, or none; `keys` tells how to use it without a mouse, `stays` keeps it until one does something else.
-  take(tool, keys = false, stays = false) {
+  take(tool, keys = false, stays = tool in shapeOf) {
+    let first = "";
     if (tool && tool !== "path" && tool !== "move" && this.replay.world.kind === "path") {
       this.open(lined(this.replay.world), "The line, and what is put in its way: robots that avoid things pass within 1 m of each metre of it.");
       this.drive.go(false);
@@ -116,6 +120,7 @@ class Editor {
     this.cross = this.grabbed = null;
     this.replay.blank = stays && tool === "path"; // nothing that stands there has to do with the line
     for (const [name, each] of Object.entries(this.buttons)) each.setAttribute("aria-pressed", name === tool);
+    this.say("");
     const { canvas, hint } = this.replay;
     canvas.classList.toggle("held", tool !== null); // a finger that edits does not scroll
     canvas.classList.toggle("draws", tool !== null && tool !== "move");
@@ -134,7 +139,7 @@ class Editor {
     const { hint, world: { own } } = this.replay;
     hint.hidden = this.tool === null;
     hint.classList.toggle("long", `${text}${this.keys ? BY_KEYS : ""}`.length > 0.6 * LONG_LINE);
-    hint.replaceChildren(...(this.tool === null ? [] : [text + (this.keys ? BY_KEYS : ""), own ? button("undo last", () => this.takeBack()) : null, button("done", () => this.done())].filter(Boolean)));
+    hint.replaceChildren(...(this.tool === null ? [] : [text + (this.keys ? BY_KEYS : ""), own && this.tool in shapeOf ? button("undo last", () => this.takeBack()) : null, button("done", () => this.done())].filter(Boolean)));
   }
 
   // Where a path was to be drawn and was not, somebody drives in the scene that was there.
@@ -187,6 +192,7 @@ class Editor {
     replay.world = drive.world = drive.original;
     for (const actor of replay.actors) actor.ghost = false;
     this.handle = null;
+    this.say("");
     if (this.about) replay.told_of.textContent = this.about;
     this.tell(HINTS[this.tool]);
     drive.changed();
@@ -206,7 +212,7 @@ class Editor {
 
   remove() {
     const { handle } = this;
-    if (!handle || handle.kind !== "obstacle") { this.say("Choose an obstacle first: with “move”, click on it."); return; }
+    if (!handle || handle.kind !== "obstacle") return;
     this.change((world) => {
       if (handle.index >= world.obstacles.length - (world.own || 0)) world.own -= 1;
       world.obstacles.splice(handle.index, 1);
@@ -240,14 +246,21 @@ class Editor {
 
   grab(point, reach) {
     const { replay } = this;
-    if (this.tool === "move") {
+    if (this.tool === "move" || this.tool === "remove") {
       const slack = reach / replay.view.pixels;
       let best = null;
       for (const each of this.handles()) {
+        if (this.tool === "remove" && each.kind !== "obstacle") continue;
         const distance = (each.shape ? distanceTo(each.shape, ...point) : Math.hypot(point[0] - each.at[0], point[1] - each.at[1]) - each.reach) - (each.knob ? Math.min(slack, 0.12) : 0);
         if (distance < slack && (!best || distance < best.distance)) best = { ...each, distance };
       }
       this.handle = best;
+      if (this.tool === "remove") {
+        if (!best || best.kind !== "obstacle") { this.tell("Nothing that can be deleted is there: click or tap an obstacle."); return false; }
+        this.remove();
+        this.tell("It is gone. Click or tap what else is to go.");
+        return true;
+      }
       if (!best) { replay.refresh(); return false; }
     }
     this.grabbed = point;

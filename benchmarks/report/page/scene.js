@@ -147,7 +147,7 @@ function drawWorld(context, world, time, pixel) {
 // Where one is to arrive, over the robots that are there already.
 function drawStars(context, world, pixel) {
   const { path, goal } = world;
-  if (path && path.length) flag(context, ...(world.closed ? path[0] : path[path.length - 1]), 7 * pixel);
+  if (path && path.length && !goal) flag(context, ...(world.closed ? path[0] : path[path.length - 1]), 7 * pixel);
   if (goal) flag(context, goal[0], goal[1], 9 * pixel);
 }
 
