@@ -4,6 +4,7 @@ const TOOLS = { move: "move", disc: "disc", box: "box", wall: "wall", path: "pat
 const HINTS = { move: "Drag things; the small squares resize and turn them.", disc: "Click or tap where a disc is to stand; drag for a larger one.", box: "Click or tap where a box is to stand; drag for a larger one.",
   wall: "Click or tap where a wall is to stand, or drag from end to end.", path: "Draw a line in the picture: all controllers follow it when you let go.", remove: "Click or tap what is to go." };
 const AGAIN = { ...Object.fromEntries(["disc", "box", "wall"].map((each) => [each, `The run is computed anew, from the start. Click or tap for another ${each}.`])), path: "They follow your line. Draw another one as you like." };
+const LINED = "Path followers go round nothing, so other robots drive now: along your line, within half a metre of it, and round what you put there.";
 const BY_KEYS = " Arrow keys move the cross (Shift: farther), Enter presses and lets go, Escape ends.";
 const CLICKED = 0.3; // m, from the middle to the edges of what a click puts down
 const SPACING = 0.1; // m between the points of a drawn path
@@ -48,12 +49,12 @@ function spaced(points, spacing) {
   return found;
 }
 
-// A path as a scene that things can stand in: places within a metre of which robots pass, one after the other.
+// A path as a scene that things can stand in: places within half a metre of which robots pass, one after the other.
 function lined({ path, closed }) {
   const line = closed ? [...path, path[0]] : path;
   const along = ([ax, ay], [bx, by]) => Math.atan2(by - ay, bx - ax);
   return { kind: "goal", name: "drawn", family: "", tier: "", quantity: null, steps: 2400, path, closed, corridor: 1, start: [...line[0], along(...line)], start_offset: 0, start_turn: 0,
-    goal: [...line[line.length - 1], along(...line.slice(-2))], waypoints: spaced(line, 1).slice(1, -1).map(rounded), waypoint_radius: 1, obstacles: [], patrols: [], position_tolerance: 0.2, heading_tolerance: Math.PI, edited: true };
+    goal: [...line[line.length - 1], along(...line.slice(-2))], waypoints: spaced(line, 1).slice(1, -1).map(rounded), waypoint_radius: 0.5, obstacles: [], patrols: [], position_tolerance: 0.2, heading_tolerance: Math.PI, edited: true };
 }
 
 const shapeOf = {
@@ -111,8 +112,10 @@ class Editor {
   take(tool, keys = false, stays = tool in shapeOf) {
     let first = "";
     if (tool && tool !== "path" && tool !== "move" && this.replay.world.kind === "path") {
-      this.open(lined(this.replay.world), "The line, and what is put in its way: robots that avoid things pass within 1 m of each metre of it.");
+      this.open(lined(this.replay.world), LINED);
       this.drive.go(false);
+      for (const label of this.drive.race.rivals()) if (label !== this.drive.who.value) this.drive.add({ label }, false);
+      first = `${LINED} `;
     }
     this.tool = tool;
     this.stays = stays;
@@ -124,7 +127,7 @@ class Editor {
     const { canvas, hint } = this.replay;
     canvas.classList.toggle("held", tool !== null); // a finger that edits does not scroll
     canvas.classList.toggle("draws", tool !== null && tool !== "move");
-    this.tell(HINTS[tool]);
+    this.tell(first + HINTS[tool]);
     if (keys && tool !== null) {
       this.cross = [...this.replay.view.centre];
       canvas.focus({ preventScroll: true });
