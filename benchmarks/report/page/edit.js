@@ -398,7 +398,7 @@ class Editor {
     replay.blank = false;
     const { bounds, zoom, middle, least } = replay.view;
     const tall = replay.app.style.getPropertyValue("--tall");
-    this.open(world, "A path that you drew; grey: the 1 m to either side within which a robot is still on it.");
+    this.open(world, "A path that you drew; grey: the 1 m to either side within which a robot is still on it. Tracks are drawn side by side, a few pixels apart, so that each is seen.");
     Object.assign(replay.view, { bounds, zoom, middle, least }); // the line stays where it was drawn
     replay.app.style.setProperty("--tall", tall);
     for (const point of world.path) replay.view.takeIn(point, 0.3);
