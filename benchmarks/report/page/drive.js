@@ -211,7 +211,7 @@ class Drive {
     const { replay } = this;
     const from = this.from.value === "the start" ? null : replay.chosen;
     const step = from ? Math.min(replay.step, from.x.length - 1) : 0;
-    this.result.textContent = "";
+    this.result.textContent = this.editor.covered();
     if (this.replay.blank) this.editor.take(null);
     if (label === KEYBOARD) this.takeOver(from, step);
     else if (label) this.add({ label, from, step });

@@ -68,9 +68,9 @@ const shapeOf = {
 };
 
 // What has to be free and has a thing on it, in words; "" where the thing stands well.
-function standsOn(shape, { start, goal, starts = [], goals = [] }, robot) {
+function standsOn(shape, { start, goal, starts = [], goals = [], waypoints = [] }, robot) {
   const on = (pose) => pose && distanceTo(shape, pose[0], pose[1]) < (HULLS[robot] || 0.25);
-  return on(start) || starts.some(on) ? "where a robot starts" : on(goal) ? "on the star" : goals.some(on) ? "where another robot is to arrive" : "";
+  return on(start) || starts.some(on) ? "where a robot starts" : on(goal) ? "on the star" : goals.some(on) ? "where another robot is to arrive" : waypoints.some(on) ? "on a place that robots must pass (a ring)" : "";
 }
 
 class Editor {
@@ -364,7 +364,10 @@ class Editor {
       });
     }
     if (this.replay.world !== this.drive.original) this.drive.changed();
-    if (tool === "move") return;
+    if (tool === "move") {
+      this.say(this.covered());
+      return;
+    }
     this.restarted();
     this.ended();
   }
@@ -376,9 +379,19 @@ class Editor {
     replay.toggle(true);
   }
 
+  // Told at once where a run could only wait for its time limit; what moves may go away.
+  covered() {
+    const { world, robot } = this.replay;
+    if (world.kind === "dock") return ""; // it comes up to what stands there
+    const standing = (world.obstacles || []).filter((_, k) => !((world.patrols || [])[k] || [])[4]);
+    const place = standing.map((each) => standsOn(each, world, robot)).find(Boolean);
+    return place ? `An obstacle stands ${place}: planners find no way there.` : "";
+  }
+
   // Whether what was drawn stands where the robot starts or is to arrive; it is told.
   covers() {
-    const place = standsOn(this.made, this.replay.world, this.replay.robot);
+    const { world, robot } = this.replay;
+    const place = standsOn(this.made, world.path ? { ...world, waypoints: [] } : world, robot); // those along a line make room
     if (place) this.tell(`Nothing can stand ${place}: put it elsewhere.`);
     return Boolean(place);
   }
