@@ -223,7 +223,7 @@ class Drive {
 
   all() {
     if (this.replay.blank) this.editor.take(null);
-    this.result.textContent = "";
+    this.result.textContent = this.editor.covered();
     for (const label of this.able()) if (!this.runs.some((run) => run.asked.label === label && !run.asked.from)) this.add({ label }, false);
     this.replay.split(null);
     this.offer();
