@@ -313,8 +313,8 @@ def _count(shown_panels: Sequence[Panel]) -> str:
     return (
         f"**Controllers win {wins} of {len(outcomes)} kinds of scenes, trained agents {losses}.** "
         + "".join(which)
-        + f"{ties} are ties: no significant difference after correction for multiple comparisons. "
-        f"{alike} {'is' if alike == 1 else 'are'} equivalent: the difference is shown to be negligible."
+        + f"In {ties}, no difference is significant after correction for multiple comparisons; in {alike}, the two are "
+        "equivalent: the difference is shown to be negligible."
     )
 
 

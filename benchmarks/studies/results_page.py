@@ -755,7 +755,7 @@ def _lead(standing: tuple[Verdict, Mapping[str, str], bool], name: str) -> str:
     numbers = [-float(each) if turned else float(each) for each in (value, low, high)]
     ends = sorted(numbers[1:])
     unit = "points" if on_success else line["unit"]
-    digits = 1 if ends[1] - ends[0] > 0.1 else 2
+    digits = 1 if ends[1] - ends[0] > 0.1 and unit != "mm" else 2
     return f"{words}: {numbers[0]:+.{digits}f} [{ends[0]:+.{digits}f}, {ends[1]:+.{digits}f}] {unit}"
 
 
