@@ -496,6 +496,7 @@ class Drive {
     run.field = run.field || boundsOf(world, []).shown;
     const out = x < run.field[0] || y < run.field[1] || x > run.field[2] || y > run.field[3];
     run.away = (out || this.race.late) && alive[0] && !(left < (out ? run.left : run.least)) ? (run.away || 0) + 1 : 0;
+    run.grows = left - run.left > 0.02 * DT; // m: faster than it shakes
     [run.left, run.least] = [left, Math.min(left, run.least ?? Infinity)];
     run.limit = (out ? OUT : LOST) / DT;
     return run.away > run.limit;

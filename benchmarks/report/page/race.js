@@ -103,7 +103,11 @@ class Race {
   asked(run) {
     const { replay } = this;
     const astray = Math.ceil((run.limit - run.away) * DT);
-    if (run.tape.length && run.away * DT > 0.5) return `This leads away: turn back, or the run ends in ${astray} s.`;
+    if (run.tape.length && run.away * DT > 0.5) {
+      const rests = run.tape[run.tape.length - 1].every((each) => !each);
+      const what = run.grows ? "This leads away: turn back" : rests ? `You are standing still: hold ${coarse() ? "“ahead”" : "↑"}` : "Come nearer to the star";
+      return `${what}, or the run ends in ${astray} s.`;
+    }
     if (run.tape.length && this.late) return "The others have ended. Drive on, or press “Race it” to start again.";
     const omni = run.simulator.body.axes.length > 2;
     const turn = coarse() ? `hold “ahead”${omni ? ", “go left” or “go right”" : ", turn by “left” and “right”"}` : `hold ↑, turn by ← and →${omni ? "; A and D go sideways" : ""}`;
