@@ -717,6 +717,17 @@ def test_what_is_shown_is_recorded(browser: Browser, files: dict[str, Path], tmp
         with watched.page.expect_download():  # at the end of the run by itself
             watched.page.get_by_role("button", name="record").click()
         assert watched.page.evaluate("replay.step === replay.last")
+        # before the first press of a race it waits with the clock
+        watched.page.get_by_role("button", name="Race it").click()
+        watched.page.get_by_role("button", name="record").click()
+        watched.page.wait_for_timeout(500)
+        assert watched.page.evaluate("[replay.playing, replay.step, drive.hand.tape.length]") == [False, 0, 0]
+        watched.page.keyboard.down("ArrowUp")
+        watched.until("drive.hand.tape.length > 10")
+        watched.page.keyboard.up("ArrowUp")
+        with watched.page.expect_download() as download:
+            watched.page.get_by_role("button", name="stop recording").click()
+        assert download.value.suggested_filename == "wayfield.webm"
         assert watched.errors == []
 
 

@@ -92,6 +92,7 @@ class Drive {
     replay.busy = () => Boolean(this.drives || this.runs.some((run) => run.pending && !run.actor.hidden));
     replay.driven = (event, down) => this.key(event, down);
     replay.races = () => this.drives;
+    replay.poised = () => this.drives && !this.hand.tape.length && !replay.playing;
     replay.saved = (text) => {
       this.result.textContent = text;
       if (this.race.sentence) this.race.headline(text);

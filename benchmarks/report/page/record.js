@@ -17,8 +17,14 @@ function framed(film, { board, canvas, beside }) {
 
 // Until it is stopped, or the run is over. The replay waits for the film: however slow the machine, none of its moments is lost.
 function recordButton(replay) {
-  let recorder = null;
-  const button = el("button", { type: "button", class: "stepwise record", title: `a film of at most ${FILM.seconds} s`, on: { click: () => (recorder ? recorder.stop() : begin()) } }, "record");
+  const button = el("button", { type: "button", class: "stepwise record", title: `a film of at most ${FILM.seconds} s`, on: { click: () => (!recorder ? begin() : armed ? ended() : recorder.stop()) } }, "record");
+  let [recorder, rest, armed] = [null, 0, false]; // armed: it begins with the first press of a race
+  const ended = () => {
+    clearInterval(rest);
+    [recorder, replay.filmed, button.textContent] = [null, null, "record"];
+    button.removeAttribute("aria-label");
+    button.classList.remove("on");
+  };
   const begin = () => {
     const { width, height } = replay.board.getBoundingClientRect();
     const film = el("canvas", { width: Math.min(Math.round(width), FILM.width), height: Math.round(Math.min(1, FILM.width / width) * height) });
@@ -33,25 +39,29 @@ function recordButton(replay) {
     };
     recorder = new MediaRecorder(film.captureStream(), { mimeType: "video/webm", videoBitsPerSecond: FILM.bits });
     replay.filmed = frame;
-    const rest = setInterval(() => { // its last picture stands for a moment
+    rest = setInterval(() => { // its last picture stands for a moment
+      if (armed && replay.playing) {
+        armed = false;
+        recorder.start();
+      }
+      if (armed) return;
       rests = replay.playing ? 0 : rests + 1;
       if (rests) frame();
       if (rests > FILM.rests) recorder.stop();
     }, 1000 / FILM.rate);
     recorder.ondataavailable = (event) => parts.push(event.data);
     recorder.onstop = () => {
-      clearInterval(rest);
-      [recorder, replay.filmed, button.textContent] = [null, null, "record"];
-      button.removeAttribute("aria-label");
-      button.classList.remove("on");
+      ended();
       downloaded(new Blob(parts, { type: "video/webm" }), FILM.name);
       replay.saved(`The film was saved as ${FILM.name}, where your browser keeps downloads.${count > FILM.seconds * FILM.rate ? ` It holds ${FILM.seconds} s, and no more.` : ""}`);
     };
-    recorder.start();
+    armed = replay.poised();
+    if (!armed) recorder.start();
     button.textContent = "■ stop";
     button.setAttribute("aria-label", "stop recording");
     button.classList.add("on");
-    replay.toggle(true);
+    if (armed) replay.saved("The film begins with your first press.");
+    else replay.toggle(true);
   };
   button.hidden = typeof MediaRecorder === "undefined" || !MediaRecorder.isTypeSupported("video/webm");
   return button;

@@ -35,6 +35,7 @@ class Replay {
     this.spoils = () => false; // whether a result would come before its picture
     this.waits = () => false; // whether a run is still to be driven
     this.races = () => false; // whether a hand drives against the others
+    this.poised = () => false; // whether the clock waits for the hand's first press
     this.halts = () => {}; // the picture was stopped
     this.saved = say; // tells of a file
     this.build();
