@@ -172,7 +172,6 @@ class Editor {
 
   change(apply) {
     const { replay, drive } = this;
-    this.over = replay.step >= replay.last;
     if (replay.world === drive.original) {
       replay.world = structuredClone(drive.original);
       delete replay.world.made; // what was moved by hand stays there for every hull
@@ -191,6 +190,7 @@ class Editor {
 
   undo() {
     const { replay, drive } = this;
+    if (this.tool === "remove") this.take(null);
     if (replay.world === drive.original) return;
     replay.world = drive.world = drive.original;
     for (const actor of replay.actors) actor.ghost = false;
@@ -199,6 +199,7 @@ class Editor {
     if (this.about) replay.told_of.textContent = this.about;
     this.tell(HINTS[this.tool]);
     drive.changed();
+    this.restarted();
     replay.listActors();
     drive.race.tellScene();
   }
@@ -209,7 +210,6 @@ class Editor {
     this.remove();
     const { drive, replay: { world } } = this;
     if (["obstacles", "start", "goal", "waypoints"].every((field) => JSON.stringify(world[field]) === JSON.stringify(drive.original[field]))) this.undo();
-    this.restarted();
     this.tell(this.replay.world.own ? AGAIN[this.tool] : HINTS[this.tool]);
   }
 
@@ -223,6 +223,7 @@ class Editor {
     });
     this.handle = null;
     this.drive.changed();
+    this.restarted();
   }
 
   // What can be grabbed: things, and the knobs of the one that was grabbed last.
@@ -269,6 +270,7 @@ class Editor {
     this.grabbed = point;
     this.line = [point];
     this.before = structuredClone(replay.world);
+    this.played = replay.playing;
     replay.toggle(false);
     replay.refresh();
     return true;
@@ -340,12 +342,13 @@ class Editor {
   // A second finger came down: what one of them began to draw is nothing.
   letGo() {
     if (this.tool === "move") this.dropped();
+    if (this.grabbed) this.replay.toggle(this.played);
     this.grabbed = this.to = null;
   }
 
   dropped() {
     if (!this.grabbed) return;
-    const { tool, grabbed, to } = this;
+    const { tool, grabbed, to, played } = this;
     if (shapeOf[tool]) {
       const clicked = !to || Math.hypot(to[0] - grabbed[0], to[1] - grabbed[1]) * this.replay.view.pixels < 5;
       const [x, y] = grabbed;
@@ -354,7 +357,7 @@ class Editor {
     this.grabbed = null;
     this.to = null;
     if (tool === "path") { this.follow(drawnPath(this.line)); return; }
-    if (tool !== "move" && this.covers()) { this.replay.refresh(); return; }
+    if (tool !== "move" && this.covers()) { this.replay.toggle(played); this.replay.refresh(); return; }
     if (tool !== "move") {
       this.change((world) => {
         world.obstacles.push(this.made);
@@ -363,20 +366,20 @@ class Editor {
         this.handle = { kind: "obstacle", index: world.obstacles.length - 1 };
       });
     }
-    if (this.replay.world !== this.drive.original) this.drive.changed();
+    if (tool === "move" && !to) { this.replay.toggle(played); return; } // it was chosen, and stays where it is
+    this.drive.changed();
+    this.restarted();
     if (tool === "move") {
       this.say(this.covered());
       return;
     }
-    this.restarted();
     this.ended();
   }
 
-  // A run that was over in the picture starts again.
+  // All start again, as is told.
   restarted() {
-    const { replay } = this;
-    if (this.over) replay.seek(0);
-    replay.toggle(true);
+    this.replay.seek(0);
+    this.replay.toggle(true);
   }
 
   // Told at once where a run could only wait for its time limit; what moves may go away.
