@@ -113,7 +113,7 @@ class Race {
     const turn = coarse() ? `hold “ahead”${omni ? ", “go left” or “go right”" : ", turn by “left” and “right”"}` : `hold ↑, turn by ← and →${omni ? "; A and D go sideways" : ""}`;
     const [count, found] = [replay.actors.length, this.best[this.now < 0 ? "" : this.key(this.now)]];
     const prize = `${count > 1 ? `Gold for the first of ${count}. ` : ""}${found ? `Your best: ${found.time.toFixed(2)} s. ` : ""}`;
-    return `${ASKED[replay.world.path ? "path" : replay.world.kind] || "Drive to the star"}: ${turn}. ${run.tape.length ? count > 1 ? "You pass through the other racers." : "" : `${prize}The clock waits for your first press.`}`;
+    return `${ASKED[replay.world.path ? "path" : replay.world.kind] || "Drive to the star"}: ${turn}. ${run.tape.length ? count > 1 ? `You pass through the other racers${replay.world.bodies ? "; each has its own crowd" : ""}.` : "" : `${prize}The clock waits for your first press.`}`;
   }
 
   // Whether nobody else is on the way.

@@ -301,7 +301,7 @@ class Replay {
 
   listActors() {
     const order = this.ranked(this.actors);
-    this.order.textContent = order.length < 2 ? "" : this.byError ? "The smallest error comes first." : "The fastest comes first.";
+    this.order.textContent = order.length < 2 ? "" : this.byError ? "The smallest error comes first." : `The fastest comes first.${this.world.bodies && !this.other ? " Each robot has its own crowd; the chosen robot's is drawn." : ""}`;
     this.offerPanes();
     const held = this.list.contains(document.activeElement) ? document.activeElement.getAttribute("aria-label") : null;
     this.list.replaceChildren(...order.map((actor) => {
