@@ -399,7 +399,7 @@ class Replay {
     if (chosen) drawActor(context, chosen, step, hull, pixel, true);
     if (!this.blank) drawStars(context, world, pixel);
     if (this.leads) drawWay(context, view, world, pixel);
-    if (!this.other && actors.length > 1) drawNames(context, view, [...new Set([chosen, ...actors])].filter(Boolean), step, hull, pixel, company ? bodiesAt(world, company, step, hull) : []);
+    if (!this.other && actors.length > 1) drawNames(context, view, [...new Set([chosen, ...actors])].filter(Boolean), step, hull, pixel, company ? bodiesAt(world, company, step, hull) : [], this.blank ? [] : obstaclesAt(world, step * DT));
     return context;
   }
 

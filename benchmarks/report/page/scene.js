@@ -248,7 +248,7 @@ function drawActor(context, actor, k, hull, pixel, chosen, lane = 0) {
 }
 
 // Who is who, beside the robots, clear of them and of other bodies; those on one spot are counted. A name without room is left out.
-function drawNames(context, view, actors, k, hull, pixel, bodies) {
+function drawNames(context, view, actors, k, hull, pixel, bodies, things) {
   const placed = [];
   const [middle, height] = [view.centre[0] * view.pixels, -view.centre[1] * view.pixels];
   context.save();
@@ -271,9 +271,13 @@ function drawNames(context, view, actors, k, hull, pixel, bodies) {
     const room = Math.max(view.width / 2 - half, 0);
     const [above, below, aside] = [(-y - hull) / pixel - 6, (-y + hull) / pixel + 16, hull / pixel + half + 2];
     const places = [[0, above], [0, below], [aside, -y / pixel + 5], [-aside, -y / pixel + 5], ...[16, 32, 48].flatMap((off) => [[0, above - off], [0, below + off]])];
+    const near = things.filter((each) => (each[5] || each[6]) && distanceTo(each, x, y) < 2 * half * pixel + hull + 80 * pixel); // but for thin walls
+    const across = Array.from({ length: Math.ceil(half / 6) + 1 }, (_, n) => (2 * n / Math.ceil(half / 6) - 1) * half);
+    const clear = (at, foot) => near.every((each) => across.every((off) => distanceTo(each, (at + off) * pixel, (5 - foot) * pixel) > 9 * pixel));
     const free = places.map(([dx, foot]) => [Math.min(Math.max(x / pixel + dx, middle - room), middle + room), foot])
       .find(([at, foot]) => Math.abs(foot - 5 - height) < view.height / 2 - 8 && placed.every(([px, py, ph]) => Math.abs(px - at) > ph + half || Math.abs(py - foot) >= 16)
-        && solid.every(([bx, by, br]) => Math.hypot(Math.max(Math.abs(bx / pixel - at) - half + 4, 0), Math.max(Math.abs(by / pixel - foot + 4) - 6, 0)) >= br / pixel));
+        && solid.every(([bx, by, br]) => Math.hypot(Math.max(Math.abs(bx / pixel - at) - half + 4, 0), Math.max(Math.abs(by / pixel - foot + 4) - 6, 0)) >= br / pixel)
+        && clear(at, foot));
     if (!free) continue;
     const [at, foot] = free;
     placed.push([at, foot, half]);
