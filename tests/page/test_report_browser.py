@@ -436,7 +436,7 @@ def test_a_best_time_is_shown_and_an_easier_run_is_marked_and_is_none(browser: B
         before = challenge.inner_text()
         assert "not count as a best time" in raced(0.5, 8)
         assert challenge.inner_text() == before
-        assert "Your first time here" in raced(8)
+        assert "Your first finish" in raced(8)
         best = f"{tab.evaluate('drive.hand.tape.length * DT'):.2f} s"
         assert best in challenge.inner_text()
         told = raced(0.5, 8)

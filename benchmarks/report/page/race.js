@@ -317,7 +317,7 @@ class Race {
     const { before } = this;
     const time = (actor.x.length - 1) * DT;
     const counts = actor.outcome === "success" && !eased;
-    if (!before) return counts ? "Your first time here, and your best." : "";
+    if (!before) return counts ? "Your first finish, and your best time so far." : "";
     return counts && time < before.time ? `A new best: before it was ${before.time.toFixed(2)}\u00a0s.` : `Your best: ${before.time.toFixed(2)}\u00a0s.`;
   }
 
