@@ -187,7 +187,7 @@ const LOOKS = {
 // The overlay of a trained agent: what its guard or its base makes of what it wanted, or it of what that asks for.
 function guardOf({ guard, base, fill_bodies_scales: scales }) {
   if (guard) return { kind: "guard", title: "where it wants to go (red, dashed), and what its safety check leaves of that (blue)", numbers: guard };
-  return base && { kind: "guard", title: base.guards ? "where it wants to go (red, dashed), and what ORCA leaves of that (blue)" : "where ORCA would go (red, dashed), and where it goes (blue)", numbers: scales };
+  return base && { kind: "guard", title: base.guards ? "where it wants to go (red, dashed), and what ORCA leaves of that (blue)" : "where ORCA alone would go (red, dashed), and where it goes, by what the network adds to that (blue)", numbers: scales };
 }
 
 // Beside the picture's own runs, in a memory of its own: what is drawn changes nothing of what is driven.
