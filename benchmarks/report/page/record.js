@@ -3,15 +3,17 @@
 const FILM = { seconds: 20, rate: 12, bits: 1.2e6, width: 960, rests: 10, name: "wayfield.webm" }; // at most 3 MB
 
 // The panes as they are on the screen, on paper.
-function framed(film, { board, canvas, beside }) {
+function framed(film, { board, canvas, beside, chosen, other, actors }) {
   const [whole, context] = [board.getBoundingClientRect(), film.getContext("2d")];
   context.fillStyle = ink("--paper");
   context.fillRect(0, 0, film.width, film.height);
   const factor = film.width / whole.width;
-  for (const pane of [canvas, beside]) {
+  [context.font, context.lineWidth, context.strokeStyle, context.fillStyle] = ["600 14px system-ui, sans-serif", 4, ink("--paper"), ink("--ink")];
+  for (const [pane, actor] of [[canvas, chosen], [beside, other]]) {
     if (pane.hidden) continue;
     const { left, top, width, height } = pane.getBoundingClientRect();
     context.drawImage(pane, factor * (left - whole.left), factor * (top - whole.top), factor * width, factor * height);
+    if (actor && (other || actors.length === 1)) for (const how of ["strokeText", "fillText"]) context[how](actor.label, factor * (left - whole.left) + 10, factor * (top - whole.top) + 22); // elsewhere names are in the picture
   }
 }
 
