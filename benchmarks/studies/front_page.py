@@ -363,7 +363,7 @@ def _draw(axes: Any, panel: Panel) -> None:
             value += f", {times[side]} s" if len(times) == 2 else ""
             text = value if inside else f"{name} {value}"
             weight = "bold" if side == wins else "normal"
-            axes.text(bar.high + 0.02 * ends, y, text, va="center", fontsize=14, fontweight=weight)
+            axes.text(bar.high + 0.03 * ends, y, text, va="center", fontsize=14, fontweight=weight)
     axes.set_yticks(range(len(panel.matches)), list(map(_wrapped, panel.matches)), fontsize=14)
     axes.invert_yaxis()
     axes.set_xlim(0.0, ends * (1.3 if any(match.faster for match in panel.matches) else 1.2))
