@@ -492,13 +492,15 @@ class Drive {
   astray(run) {
     const { simulator: { world, state, alive, pose: [x, y] } } = run;
     const { waypoints = [], goal } = world;
-    const [gx, gy] = waypoints[waypoints.length ? Number(state.get("waypoint")) : 0] || goal || [];
+    const aim = waypoints.length ? Number(state.get("waypoint")) : 0;
+    if (aim !== run.aim) [run.aim, run.left, run.least] = [aim, Infinity, Infinity]; // the next place may lie farther away
+    const [gx, gy] = waypoints[aim] || goal || [];
     const left = goal ? Math.hypot(gx - x, gy - y) : -state.get("arc_length");
     run.field = run.field || boundsOf(world, []).shown;
     const out = x < run.field[0] || y < run.field[1] || x > run.field[2] || y > run.field[3];
     run.away = (out || this.race.late) && alive[0] && !(left < (out ? run.left : run.least)) ? (run.away || 0) + 1 : 0;
     run.grows = left - run.left > 0.02 * DT; // m: faster than it shakes
-    [run.left, run.least] = [left, Math.min(left, run.least ?? Infinity)];
+    [run.left, run.least] = [left, Math.min(left, run.least)];
     run.limit = (out ? OUT : LOST) / DT;
     return run.away > run.limit;
   }
