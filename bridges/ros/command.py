@@ -13,6 +13,7 @@ from typing import Any
 
 import click
 
+from wayfield.benchmarks.entrants.own_policies import own_policy
 from wayfield.bridges.ros.body import WORLDS, Body
 from wayfield.bridges.ros.conventions import NO_RETURN, Sight
 from wayfield.bridges.ros.driving import AlongPath, ToGoal, beams_of, check_drives
@@ -285,7 +286,14 @@ _BASE = "a base must stop by itself when commands end: a process that has died p
 
 
 @click.command(cls=OneLineErrors)
-@click.option("--policy", "name", type=Choice("--policy", POLICIES), default="vfh_plus", show_default=True)
+@click.option(
+    "--policy",
+    "name",
+    default="vfh_plus",
+    show_default=True,
+    metavar="NAME",
+    help="A policy of the package; or, in quotes, your own: module:Class key=value, or a model.zip.",
+)
 @robot_option(default="turtlebot3", show_default=True)
 @click.option("--gains", metavar="FILE", help="Gains of the policy: a file of `wayfield tune`.")
 @click.option("--home", metavar="FOLDER", help="Folder of your training runs, for --policy ppo.")
@@ -337,17 +345,21 @@ def _mission(name: str, robot: Robot, options: dict[str, Any]) -> Any:
     path, period = options["path"], options["period"]
     try:
         gains: dict[str, Any] = {}
+        own = own_policy(name) if ":" in name or name.lower().endswith(".zip") else None
+        if own is not None:
+            name, gains = own.name, dict(own.gains)
         if options["gains"]:
-            gains = dict(read_gains(Path(options["gains"]).read_bytes(), options["gains"], name)["gains"])
+            gains |= read_gains(Path(options["gains"]).read_bytes(), options["gains"], name)["gains"]
         if options["home"]:
             gains["home"] = options["home"]
         if options["max_speed"]:
             with contextlib.suppress(NoCruisingSpeed):
                 # never above the one that a policy has
-                slower = cruising(name, gains, options["max_speed"])
-                own = make(name, **gains)
-                gains |= {key: value for key, value in slower.items() if value < (getattr(own, key) or math.inf)}
-        policy = make(name, **gains)
+                top = options["max_speed"]
+                slower = cruising(name, gains, top) if own is None else own.cruising(top) or {}
+                faster = make(name, **gains) if own is None else own.make(gains).policy
+                gains |= {key: value for key, value in slower.items() if value < (getattr(faster, key) or math.inf)}
+        policy = make(name, **gains) if own is None else own.make(gains)
         check_drives(policy, name, robot, bool(path))
         if path:
             if period != CONTROL_PERIOD:

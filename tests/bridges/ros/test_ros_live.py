@@ -204,6 +204,39 @@ def test_a_policy_drives_to_its_goal_in_lockstep_and_the_recording_is_read(bench
     assert len(topics["/scan"][0].ranges) == 360
 
 
+OWN = """
+import dataclasses
+import numpy as np
+from wayfield.envs import goal_reaching
+
+@dataclasses.dataclass(frozen=True)
+class Straight:
+    speed: float = 0.5
+    knows = "sensors"
+    observes = (goal_reaching.Observation,)
+
+    def reset(self, briefing):
+        return np.empty((briefing.num_envs, 0))
+
+    def act(self, observation, briefing, memory):
+        return np.column_stack([np.full(len(observation.goal), self.speed), np.zeros(len(observation.goal))])
+"""
+
+
+def test_a_class_of_ones_own_drives_no_faster_than_its_gain_and_the_limit(bench, tmp_path, monkeypatch):
+    (tmp_path / "own_of_ros.py").write_text(OWN)
+    monkeypatch.chdir(tmp_path)
+    heard = bench.hears(TwistStamped, "cmd_vel")
+    bench.start("sim", "--scenario", "open_fields", "--scan-rate", "20", "--lockstep", "120", "--rate", "0")
+    stamped = ("--goal", "5,0", "--arm", "--cmd-vel", "stamped", "--ros-args", "-p", "use_sim_time:=true")
+    for gain, most, top in (("0.15", "1.0", 0.15), ("0.2", "0.1", 0.1)):
+        driver = bench.start("drive", "--policy", f"own_of_ros:Straight speed={gain}", "--max-speed", most, *stamped)
+        bench.until(lambda: heard and heard[-1][1].twist.linear.x > 0.9 * top, 120.0)  # noqa: B023
+        finish(driver)
+        assert max(message.twist.linear.x for _, message in heard) <= top + 1e-9
+        heard.clear()
+
+
 def test_a_killed_driver_leaves_a_robot_that_stands_and_a_killed_robot_a_driver_that_says_zero(bench):
     truth = bench.hears(Odometry, "ground_truth")
     commands = bench.hears(TwistStamped, "cmd_vel")
