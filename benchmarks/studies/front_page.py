@@ -245,16 +245,7 @@ def _share(rows: Sequence[Row], name: str, metric: str) -> tuple[float, float, f
 
 def sentences(shown_panels: Sequence[Panel]) -> list[str]:
     """Returns a sentence a task, of its first kind of scenes: who wins, by how much, in how many scenes."""
-    shown = itertools.chain.from_iterable(map(_bullets, shown_panels))
-    return [f"- **{panel.title}**: {_sentence(panel, panel.matches[0])}." for panel in shown]
-
-
-def _bullets(panel: Panel) -> Iterator[Panel]:
-    """Yields a panel, that of teams and crowds in two: a bullet each."""
-    of_teams = [each.where.startswith("for teams") for each in panel.matches]
-    for title, is_team in (("Teams", True), ("Crowds", False)) if any(of_teams) else ((panel.title, False),):
-        if matches := tuple(m for m, team in zip(panel.matches, of_teams, strict=True) if team is is_team):
-            yield dataclasses.replace(panel, title=title, matches=matches)
+    return [f"- **{panel.title}**: {_sentence(panel, panel.matches[0])}." for panel in shown_panels]
 
 
 def _sentence(panel: Panel, match: Match) -> str:
@@ -294,8 +285,8 @@ def readme(store: Store) -> dict[str, bytes]:
 def _lines(shown_panels: Sequence[Panel]) -> list[str]:
     if not shown_panels:
         return ["No run of this version is published."]
-    shown = f"![The best controller beside the best agent at each task, with 95 % intervals]({FIGURE})"
-    first = "Examples ([all results, with intervals](docs/results.md)):"
+    shown = f"![Best controller and best agent at each task, with 95 % intervals]({FIGURE})"
+    first = "Examples ([all results](docs/results.md)):"
     return ["\n".join([_count(shown_panels), "", shown, "", first, "", *sentences(shown_panels)])]
 
 
@@ -313,8 +304,8 @@ def _count(shown_panels: Sequence[Panel]) -> str:
     return (
         f"**Controllers win {wins} of {len(outcomes)} kinds of scenes, trained agents {losses}.** "
         + "".join(which)
-        + f"In {ties}, no difference is significant after correction for multiple comparisons; in {alike}, the two are "
-        "equivalent: the difference is shown to be negligible."
+        + f"In {ties}, the difference is not significant (corrected for multiple comparisons); in {alike}, it is "
+        "negligible (equivalent)."
     )
 
 
