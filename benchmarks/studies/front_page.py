@@ -101,8 +101,8 @@ _TASKS: tuple[tuple[str, str, str, str, str, tuple[tuple[str, str, str], ...]], 
 CROWDS = {  # of the parts those of equal inputs, and in the crowds of others, as README calls them
     "in the open, lidar only": "for teams in the open",
     "at doors and in rooms, lidar only": "for teams at doors and in rooms",
-    "on CrowdNav's test cases": "among CrowdNav's five pedestrians",
-    "in AttnGraph's crowd": "in AttnGraph's crowd of 20",
+    "on CrowdNav's test cases": "in the CrowdNav benchmark",
+    "in AttnGraph's crowd": "in the AttnGraph benchmark",
 }
 TASKS = len(_TASKS) + 1
 _SECTIONS = (
@@ -326,7 +326,7 @@ def figure(shown_panels: Sequence[Panel]) -> bytes:
         drawn = Figure((9.6, 9.0))
         for axes, panel in zip(drawn.subplots(2, 2).flat, shown_panels, strict=False):
             _draw(axes, panel)
-        keys = {"best controller": CONTROLLER, "best trained agent": AGENT, "bold: wins": "none"}
+        keys = {"best controller": CONTROLLER, "best trained agent": AGENT, "bold: wins; \u2248: equivalent": "none"}
         handles = [Patch(color=of, label=label) for label, of in keys.items()]
         drawn.legend(handles=handles, loc="lower center", ncols=3, fontsize=16)
         drawn.tight_layout(rect=(0.0, 0.05, 1.0, 1.0), h_pad=2.0, w_pad=3.0)
@@ -351,7 +351,7 @@ def _draw(axes: Any, panel: Panel) -> None:
                 dark = colour == CONTROLLER
                 size = 14 if len(name) < 15 else 12  # clear of the interval
                 axes.text(0.02 * ends, y, name, va="center", fontsize=size, color="white" if dark else "black")
-            value += f", {times[side]} s" if len(times) == 2 else ""
+            value += f", {times[side]} s" if len(times) == 2 else " \u2248" * (match.outcome == EQUIVALENT)
             text = value if inside else f"{name} {value}"
             weight = "bold" if side == wins else "normal"
             axes.text(bar.high + 0.03 * ends, y, text, va="center", fontsize=14, fontweight=weight)
