@@ -304,8 +304,8 @@ def _count(shown_panels: Sequence[Panel]) -> str:
     return (
         f"**Controllers win {wins} of {len(outcomes)} kinds of scenes, trained agents {losses}.** "
         + "".join(which)
-        + f"In {ties}, the difference is not significant (corrected for multiple comparisons); in {alike}, it is "
-        "negligible (equivalent)."
+        + f"In {ties}, neither wins (no significant difference, corrected for multiple comparisons); in {alike}, "
+        "they are equivalent (negligible difference)."
     )
 
 
