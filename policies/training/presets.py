@@ -445,6 +445,19 @@ _TRACKING = Preset(
     prior=Prior(controller="feed_forward", controller_gains="default", reach=0.3),
 )
 
+# An omni base may begin turned any way from its reference, where the reference's twist would lead it astray: the network
+# adds to a law that turns it, and to no more than a tenth of the speed.
+_OMNI3_TRACKING = _TRACKING.changed(
+    name="omni3_trajectory_tracking",
+    measured="",
+    env_ids=("wayfield/OmniTrajectoryTracking-v0",),
+    robot="omni3",
+    actions=Actions("planar"),
+    reward=ReferenceReward(fine_scale=0.001),
+    controller="pid_omni",
+    reach=0.1,
+)
+
 # Bases as slow as each tier, which the network has as inputs, and all speeds that the base can drive.
 # Quick ones need no lessons: an agent drives them as the quickest that it knows.
 _PATH_TIERS = _PATH_TAUGHT.changed(
@@ -745,7 +758,10 @@ PRESETS = {
         _PATH_ADDING,
         # a P3DX follows a path; the network begins with nothing and learns by SAC
         _PATH_SAC,
+        # a P3DX follows a reference in time
         _TRACKING,
+        # an omni3 does
+        _OMNI3_TRACKING,
         # a P3DX follows a path with any actuators
         _PATH_TIERS,
         # an omni3 drives to a goal among obstacles, by its scan
