@@ -505,9 +505,8 @@ def _halting(draw: Draw) -> Drawn | None:
     return joined, False, None
 
 
-def _legs(draw: Draw, moves: list[tuple[float, float]]) -> Drawn:
+def _legs(moves: list[tuple[float, float]]) -> Drawn:
     """Returns legs (m) and turns on the spot (rad) from rest to rest, each in a time as fits its length."""
-    del draw
     x, y, heading, clock = 0.0, 0.0, 0.0, 0.0
     rows = [(clock, x, y, heading)]
     for leg, turn in moves:
@@ -526,12 +525,12 @@ def _legs(draw: Draw, moves: list[tuple[float, float]]) -> Drawn:
 
 def _square(draw: Draw) -> Drawn:
     side = draw.number(1.0, 2.0)
-    return _legs(draw, [(side, 0.5 * math.pi)] * 4)
+    return _legs([(side, 0.5 * math.pi)] * 4)
 
 
 def _turning(draw: Draw) -> Drawn:
     moves = [(draw.number(0.5, 1.5), draw.sign() * draw.number(0.8, 2.6)) for _ in range(draw.whole(4, 6))]
-    return _legs(draw, [*moves, (draw.number(0.5, 1.5), 0.0)])
+    return _legs([*moves, (draw.number(0.5, 1.5), 0.0)])
 
 
 def _looking(draw: Draw) -> Drawn:

@@ -12,16 +12,17 @@ from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching
 from wayfield.envs.robots import Actuators
-from wayfield.envs.robots.kinematics import integrate_arc, saturation_factor, to_body_frame
+from wayfield.envs.robots.kinematics import saturation_factor, to_body_frame
 from wayfield.envs.robots.records import MAX_WHEELS, aligned
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies.parts.gain import Gains, gain
+from wayfield.policies.parts.lead import led_to
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.policy import Policy, check_robot
 from wayfield.policies.parts.shield import Shielded, blind_directions, check_view
 from wayfield.policies.parts.stopping import RECALLED, SECTORS, Scan, Seen, beam_directions, find_hits, set_command
 from wayfield.system.compiled import allocating, any_layout, inlined
-from wayfield.system.elementary import bearing, exponential, sin_cos
+from wayfield.system.elementary import bearing, sin_cos
 
 STATE = aligned(
     [
@@ -155,7 +156,7 @@ def filter_twists(params, scan, seen, blind, memory, twists):
         for j in range(count):
             distance = math.sqrt(points[j, 0] * points[j, 0] + points[j, 1] * points[j, 1])
             points[j, 2] = min(radius + p.spacing * distance, distance)
-        ahead = expected(plant, m.command, wheels)
+        ahead = led_to(plant.lag, plant.lag + 0.5 * plant.dt, m.command, wheels)
         gap_rows(plant, points[:count], ahead, offset, gamma, rows)
         n = AROUND
         for j in range(blind.shape[0]):
@@ -178,34 +179,6 @@ def filter_twists(params, scan, seen, blind, memory, twists):
 
 
 @inlined
-def expected(plant, command, wheels):
-    """Returns where the last command leads to until the next one takes effect: (x, y, turn) and the twist there."""
-    time = plant.lag + 0.5 * plant.dt
-    left = 0.0
-    mean = 0.0
-    if plant.lag > 0.0:
-        left = exponential(-time / plant.lag)
-        mean = (1.0 - left) * plant.lag / time
-    x, y, turn = integrate_arc(
-        0.0,
-        0.0,
-        0.0,
-        command[0] + mean * (wheels[0] - command[0]),
-        command[1] + mean * (wheels[1] - command[1]),
-        command[2] + mean * (wheels[2] - command[2]),
-        time,
-    )
-    return (
-        x,
-        y,
-        turn,
-        command[0] + left * (wheels[0] - command[0]),
-        command[1] + left * (wheels[1] - command[1]),
-        command[2] + left * (wheels[2] - command[2]),
-    )
-
-
-@inlined
 def gap_rows(plant, hits, ahead, offset, gamma, rows):
     """Fills the first AROUND rows (a, b, c) of a . u >= c: of each sector the hit that asks for most.
 
@@ -213,7 +186,7 @@ def gap_rows(plant, hits, ahead, offset, gamma, rows):
 
     Args:
         hits: (n, 3) m, body frame now, and the distance that the robot's middle has to keep.
-        ahead: of `expected`.
+        ahead: of `led_to`.
     """
     x, y, turn, vx, vy, w = ahead
     sine, cosine = sin_cos(turn)

@@ -133,6 +133,23 @@ def read_ahead(error, twist, preview, i, ahead, spacing, aim):
             aim.vy_rate = rate
 
 
+@inlined
+def led_to(lag, time, command, wheels):
+    """Returns where a command leads to in a time, from the twist that the wheels turn for: (x, y, turn) and the twist.
+
+    Twists have three components.
+    """
+    left = 0.0
+    mean = 0.0
+    if lag > 0.0:
+        left = exponential(-time / lag)
+        mean = (1.0 - left) * lag / time
+    vx, vy, w = command[0], command[1], command[2]
+    dx, dy, dw = wheels[0] - vx, wheels[1] - vy, wheels[2] - w
+    x, y, turn = integrate_arc(0.0, 0.0, 0.0, vx + mean * dx, vy + mean * dy, w + mean * dw, time)
+    return x, y, turn, vx + left * dx, vy + left * dy, w + left * dw
+
+
 @any_layout
 @compiled
 def fill_aims(bases, ahead, spacing, twists, commands, error, twist, preview, aims):
@@ -143,14 +160,10 @@ def fill_aims(bases, ahead, spacing, twists, commands, error, twist, preview, ai
         aim = aims[i]
         read_ahead(error, twist, preview, i, ahead, spacing, aim)
         if ahead > 0.0:
-            m = 0.0  # mean share of the wheels' deviation until then
-            if base.lag > 0.0:
-                m = (1.0 - exponential(-ahead / base.lag)) * base.lag / ahead
-            vx = commands[i, 0] + m * (twists[i, 0] - commands[i, 0])
-            vy = commands[i, 1] + m * (twists[i, 1] - commands[i, 1]) if last == 2 else 0.0
-            w = commands[i, last] + m * (twists[i, last] - commands[i, last])
-            x, y, turn = integrate_arc(0.0, 0.0, 0.0, vx, vy, w, ahead)
-            sine, cosine = sin_cos(turn)
-            aim.x, aim.y = to_body_frame(x, y, sine, cosine, aim.x, aim.y)
-            aim.turn -= turn
+            command = commands[i, 0], commands[i, 1] if last == 2 else 0.0, commands[i, last]
+            wheels = twists[i, 0], twists[i, 1] if last == 2 else 0.0, twists[i, last]
+            led = led_to(base.lag, ahead, command, wheels)
+            sine, cosine = sin_cos(led[2])
+            aim.x, aim.y = to_body_frame(led[0], led[1], sine, cosine, aim.x, aim.y)
+            aim.turn -= led[2]
         aim.turn = wrap_angle(aim.turn)
