@@ -544,9 +544,10 @@ class OmniTrajectoryTracking(DiffDriveTrajectoryTracking):
                 A reference says for every control period of 0.05 s where the robot shall be, how it shall look and how
                 it shall move. Its clock is scaled for each robot and tier until following takes a given share of the
                 wheel speed and the accelerations. A base that goes sideways looks along the path all the same, but in
-                `facing_eights`: there it keeps its heading, looks at a point, or spins. Every reference but those of
-                `too_fast` was shown to be followed within a millimetre, see `envs.scenarios.reference_proofs`. One
-                that ends is held there at rest; one round a closed curve comes again.
+                `facing_eights`: there it keeps its heading, looks at a point, or spins, and starts at any angle to
+                that, for it starts turned about along the path. Every reference but those of `too_fast` was shown to
+                be followed within a millimetre, see `envs.scenarios.reference_proofs`. One that ends is held there at
+                rest; one round a closed curve comes again.
             """,
             "Action space": OMNI_ACTIONS,
             "Observation space": """
