@@ -114,16 +114,13 @@ _LEFT_OUT = {
 }
 
 
-_LAWS_ALONE = (("trajectory-tracking", "omni3"),)  # contests with a robot that no agent ships for
-
-
 def _others() -> Iterator[Section]:
     """Yields a section for each contest that none above is about, with every robot that agents of it ship for."""
     there = {section.command.split()[-1] for section in _MAIN}
     for contest in CONTESTS.values():
         if contest.name in there:
             continue
-        for robot in (x for x in ROBOTS if shipped(contest.spec.name, x) or (contest.name, x) in _LAWS_ALONE):
+        for robot in (each for each in ROBOTS if shipped(contest.spec.name, each)):
             default = robot == "p3dx"
             yield Section(
                 contest.name if default else f"{contest.name}-{robot}",

@@ -445,11 +445,12 @@ _TRACKING = Preset(
     prior=Prior(controller="feed_forward", controller_gains="default", reach=0.3),
 )
 
-# An omni base may begin turned any way from its reference, where the reference's twist would lead it astray: the network
-# adds to a law that turns it, and to no more than a tenth of the speed.
+# An omni base may begin turned any way from its reference, so that the reference's twist would lead it astray: the
+# network adds to a law that turns it, and no more than a tenth of the speed.
 _OMNI3_TRACKING = _TRACKING.changed(
     name="omni3_trajectory_tracking",
-    measured="",
+    measured="10 of 10 seeds reach it, with 0.09 to 0.14 mm and 100 % successes; 62 to 93 s, two side by side, 16 to 18 s of a "
+    "core each; pid_omni alone 0.62 mm",
     env_ids=("wayfield/OmniTrajectoryTracking-v0",),
     robot="omni3",
     actions=Actions("planar"),
