@@ -449,8 +449,8 @@ _TRACKING = Preset(
 # network adds to a law that turns it, and no more than a tenth of the speed.
 _OMNI3_TRACKING = _TRACKING.changed(
     name="omni3_trajectory_tracking",
-    measured="10 of 10 seeds reach it, with 0.09 to 0.14 mm and 100 % successes; 62 to 93 s, two side by side, 16 to 18 s of a "
-    "core each; pid_omni alone 0.62 mm",
+    measured="10 of 10 seeds reach it, with 0.09 to 0.14 mm and 100 % successes; 62 to 93 s, two side by side, 16 to "
+    "18 s of a core each; pid_omni alone 0.62 mm",
     env_ids=("wayfield/OmniTrajectoryTracking-v0",),
     robot="omni3",
     actions=Actions("planar"),

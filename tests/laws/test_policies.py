@@ -165,7 +165,8 @@ def _started(name: str, env: Any, seed: int = 0) -> tuple[Pilot, Any]:
 @every_pair
 @pytest.mark.parametrize("whole", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["one drive", "every drive"])
 def test_an_action_is_a_member_of_the_space(name: str, env_id: str, whole: bool) -> None:
-    robots = ROBOTS_OF[env_id][: 1 if (name, env_id) == ("ppo", TIMED_IDS[1]) else None]  # agents ship for omni3 alone
+    # agents ship for omni3 alone
+    robots = ROBOTS_OF[env_id][: 1 if (name, env_id) == ("ppo", TIMED_IDS[1]) else None]
     drives = list(itertools.product(robots, ("twist", "wheel_speeds"), ("ideal", "slow")))
     for robot, mode, actuators in drives if whole else [drives[EVERY_PAIR.index((name, env_id)) % len(drives)]]:
         # what a law asks for is largest at the start, far from goals and beside paths
