@@ -40,6 +40,7 @@ IMAGE_SUFFIXES = (".pgm", ".png", ".pbm", ".ppm", ".bmp")
 MAP_SUFFIXES = (".yaml", ".yml", ".map", ".npy", *IMAGE_SUFFIXES)
 MODES = ("trinary", "scale", "raw")
 MOVINGAI_CELL = 1.0  # m, a side of a cell of a MovingAI map by default: the sets have none of their own
+USUAL = (0.005, 2.0)  # m, a side of a cell: from the finest maps of laser scanners to games', of which a cell is a body
 ROUNDED = 1e-3  # share of a published length that may be lost where it was written with few digits
 
 _FORMATS = ("PPM", "PNG", "BMP")  # that Pillow may try, whatever a file is called
@@ -379,7 +380,10 @@ def _grid_of(file: str, content: str, settings: dict[str, Any], unknown: str) ->
         origin = tuple(_number(each) for each in origin)
         note_degrees(file, "origin[2]", origin[-1] if len(origin) == 3 else None)
     origin = pose("origin", origin)
-    number("resolution", settings["resolution"], above=0.0)
+    side = number("resolution", settings["resolution"], above=0.0)
+    if not USUAL[0] <= side <= USUAL[1]:
+        more = f"resolution is {side:g} m a cell, usual are 0.01 to 0.5"
+        warnings.warn(f"{file}: {more}; it is in metres, not in centimetres or cells a metre", FileNote, stacklevel=3)
     suffix = os.path.splitext(content)[1].lower()
     if suffix == ".map":
         occupied = _octile(content)

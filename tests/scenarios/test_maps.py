@@ -5,6 +5,7 @@ import os
 import shutil
 import struct
 import tracemalloc
+import warnings
 import zlib
 from collections.abc import Callable
 from pathlib import Path
@@ -76,6 +77,23 @@ def test_thresholds_and_modes_of_a_ros_map(tmp_path: Path, lines: str, occupied:
     grid = maps.grid_from_file(str(tmp_path / "other.yaml"), "free")
     assert grid.occupied[-1].astype(int).tolist() == occupied
     assert grid.origin == (-1.0, -2.0, 0.3)
+
+
+@pytest.mark.parametrize("name", ["room.yaml", "room.npy"])
+def test_cells_of_sizes_that_no_map_has_are_told_of(name: str, tmp_path: Path) -> None:
+    good(tmp_path)
+
+    def read(size: float) -> None:
+        (tmp_path / "room.yaml").write_text(YAML.replace("0.5\n", f"{size}\n", 1), encoding="utf-8")
+        maps.grid_from_file(str(tmp_path / name), **({"resolution": size} if name.endswith("npy") else {}))
+
+    for size in (50, 20, 5, 0.002):  # centimetres, cells a metre, kilometres
+        with pytest.warns(FileNote, match=f"{name}: resolution is {size:g} m a cell, usual are 0.01 to 0.5; it is in "):
+            read(size)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for size in (0.005, 0.05, 0.5, 1.0):  # of public maps
+            read(size)
 
 
 def test_an_origin_in_degrees_is_told_of(tmp_path: Path) -> None:
