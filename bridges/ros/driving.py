@@ -250,9 +250,7 @@ class AlongPath:
         far = np.flatnonzero(~(np.abs(points) <= FARTHEST).all(axis=1))
         if len(far):
             raise ValueError(f"point {far[0]}, {points[far[0]].tolist()}, is not finite or beyond {FARTHEST:g} m")
-        stays = np.zeros(len(points), np.bool_)
-        stays[1:] = (points[1:] == points[:-1]).all(axis=1)
-        retained, closed, _ = closing(points[~stays], None)
+        retained, closed, _ = closing(points, None)
         return self.course(PathScenario("path", Path(retained, closed)))
 
     def take(self, course: Any) -> None:

@@ -99,7 +99,7 @@ def path_scenario_from_file(file: str, scale: float = 1.0, spec: TaskSpec = TASK
         if given[0] == _TABLE_FILE or (timed and isinstance(way, str)):
             fields = _of_table(_beside(file, given[0], way), scale, closed, timed) | fields
         else:
-            fields[_WAY] = _listed_path(file, way, closed, scale)
+            fields[_WAY] = _listed_path(file, way, closed, scale, timed)
         if fields.get("start") is not None:
             x, y, heading = pose("start", fields["start"])
             fields["start"] = (x * scale, y * scale, heading)
@@ -225,8 +225,8 @@ def _of_table(table: str, scale: float, closed: bool | None, timed: bool) -> dic
     return {_WAY: path_from_table(table, scale, closed)}
 
 
-def _listed_path(file: str, points: Any, closed: bool | None, scale: float) -> Path:
-    """Returns the path of the points in a JSON file; closed None: as `closing` finds."""
+def _listed_path(file: str, points: Any, closed: bool | None, scale: float, timed: bool) -> Path:
+    """Returns the path of the points in a JSON file; closed None: as `closing` finds. Each of `timed` ones counts."""
     if not isinstance(points, list):
         raise ValueError(f"path is {shown(points)}; it must be a list of [x, y]")
     if len(points) > MOST_POINTS:
@@ -239,10 +239,12 @@ def _listed_path(file: str, points: Any, closed: bool | None, scale: float) -> P
     for i, (x, y) in enumerate(pairs):
         if max(abs(x), abs(y)) * scale > FARTHEST:
             raise ValueError(f"path[{i}] is {(x, y)}; it must lie within {FARTHEST:g} m of the origin")
-    corners, closed, said = closing(np.reshape([(x * scale, y * scale) for x, y in pairs], (-1, 2)), closed)
+    corners, said = np.reshape([(x * scale, y * scale) for x, y in pairs], (-1, 2)), ""
+    if not timed:
+        corners, closed, said = closing(corners, closed)
     if said:
         warnings.warn(f"{file}: path {said}", FileNote, stacklevel=2)
-    return Path(corners, closed)
+    return Path(corners, bool(closed))
 
 
 def _obstacle(file: str, place: str, value: Any) -> np.void:

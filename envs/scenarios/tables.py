@@ -133,7 +133,7 @@ def _read(file: str, scale: float, closed: bool | None, timed: bool = False) -> 
         line = _line_of(lines, layout, MOST_POINTS)
         raise _fault(file, line, f"the table has {len(points)} points; it must have at most {MOST_POINTS}")
     same = np.flatnonzero((np.diff(points, axis=0) == 0.0).all(axis=1))
-    if len(same):
+    if len(same) and times:  # the reference would stand
         line = _line_of(lines, layout, same[0] + 1)
         more = "1 more row does" if len(same) == 2 else f"{len(same) - 1} more rows do"
         others = f"; {more} so: keep one row for each place" if len(same) > 1 else "; remove the row"
@@ -158,8 +158,9 @@ def _read(file: str, scale: float, closed: bool | None, timed: bool = False) -> 
 def closing(
     points: NDArray[np.float64], closed: bool | None, circuit: bool = False
 ) -> tuple[NDArray[np.float64], bool, str]:
-    """Returns the points of a path without a repeated first one, whether it is closed, and a line if that is a guess.
+    """Returns the points of a path without repeated ones, whether it is closed, and a line on what is not as given.
 
+    Left out are points equal to the one before, as of a robot that stood, and a first one repeated by a closed path.
     Where nothing is said the path is closed if its last point lies within 1 mm (or a hundredth of its length) of the
     first one, which it then stands for, or if from the last point it goes on to the first one as from point to point:
     no more than half a median step further, without a corner of 45 degrees, after eight points or more.
@@ -169,9 +170,18 @@ def closing(
         closed: what the user says; None: nothing.
         circuit: whether the file is one of a circuit.
     """
+    stays = np.ones(len(points), np.bool_)
+    stays[1:] = (points[1:] != points[:-1]).any(axis=1)
+    points, closed, said = _closing(points[stays], closed, circuit)
+    if count := int((~stays).sum()):
+        left = f"has {count} point{'s' * (count > 1)} equal to the one before, left out"
+        said = f"{left}; {said}" if said else left
+    return points, closed, said
+
+
+def _closing(points: NDArray[np.float64], closed: bool | None, circuit: bool) -> tuple[NDArray[np.float64], bool, str]:
     if len(points) < 3:
-        repeats = len(points) == 2 and bool((points[0] == points[1]).all())
-        return (points[:-1], True, "") if repeats and closed is not False else (points, bool(closed or circuit), "")
+        return points, bool(closed or circuit), ""
     steps = np.diff(points, axis=0)
     sizes = lengths(steps)
     across = points[0] - points[-1]

@@ -326,7 +326,7 @@ def test_a_repeated_first_point_closes_the_path(tmp_path: FilePath, tail: str) -
         (b'"x","y"\n"0,5","1,5"\n"1,5","2,0"\n', 2, "has 4 column(s), the header names 2"),
         (b"x,y,width\n0,0,1\n1,1\n2,2,1\n", 3, "has 2 column(s), the first row has 3"),
         (b"1,2\n3,4\n1,2\n", 2, "ends after 2 distinct point(s); a closed path needs at least 3"),
-        (b"0,0\n# c\n1,2\n1,2\n5,5\n", 4, "point [1.0, 2.0] repeats the one before it"),
+        (b"0,0\n# c\n0,0\n", 1, "ends after 1 distinct point(s); a path needs at least 2"),
         (b"0,0\n1,two\n3,4\n", 2, "'two' is not a number"),
         (b"a,b\n1,2\n", 1, "'a,b' is neither a row of numbers, such as 1.5,0.2, nor a header"),
         (b"0,0\n1e300,1\n", 2, "or beyond 1e+06 m"),

@@ -83,7 +83,6 @@ def test_a_map_of_letters_is_read_to_its_last_row(tmp_path: Path) -> None:
     ("text", "line", "told"),
     [
         ("x,y\n# a note\n0,0\n\n1,0\n2e6,0\n", 6, r"point \[2000000\.0, 0\.0\] is not finite or beyond"),
-        ("0,0\n\n# a note\n1,1\n\n1,1\n2,2\n", 6, r"point \[1\.0, 1\.0\] repeats"),
         ("# x_m,y_m,w_tr_right_m,w_tr_left_m\n0,0,3,3\n\n1,1,3,3\n", 4, "ends after 2 distinct .* closed path needs"),
         ("0 0\n1 1 # the end\n0 0\n", 2, "ends after 2 distinct"),
     ],
@@ -163,6 +162,34 @@ def test_a_path_that_comes_back_is_closed_or_a_line_says_that_it_is_not(
         assert len(recwarn) == bool(said)
 
 
+@pytest.mark.parametrize("suffix", ["csv", "json"])
+@pytest.mark.parametrize("ends", [(0.0, 1.0), (0.0, 0.0)])
+def test_points_of_a_robot_that_stands_are_left_out(suffix: str, ends: tuple[float, float], tmp_path: Path) -> None:
+    moved = [(0.0, 0.0), (2.0, 0.0), (1.0, -1.0), (2.0, 0.0), ends]  # it comes by a place again, which counts
+    stood = [each for k, each in enumerate(moved) for _ in range(1 + 2 * (k % 2 == 0))]
+    paths = []
+    for points in (moved, stood):
+        file = tmp_path / f"{len(points)}.{suffix}"
+        file.write_text("".join(f"{x},{y}\n" for x, y in points) if suffix == "csv" else json.dumps({"path": points}))
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always")
+            paths.append(path_scenario_from_file(str(file)).path)
+        told = [str(each.message) for each in said]
+        assert ["6 points equal to the one before, left out" in each for each in told] == [True] * (points is stood)
+    assert paths[0].closed == paths[1].closed == (ends == (0.0, 0.0))
+    np.testing.assert_array_equal(*(path.points for path in paths))
+
+
+@pytest.mark.parametrize("suffix", ["csv", "json"])
+def test_a_reference_that_stands_is_refused(suffix: str, tmp_path: Path) -> None:
+    points = [(0.0, 0.0), (1.0, 0.0), (1.0, 0.0), (2.0, 0.0)]
+    rows = "t,x,y\n" + "".join(f"{k},{x},{y}\n" for k, (x, y) in enumerate(points))
+    file = tmp_path / f"a.{suffix}"
+    file.write_text(rows if suffix == "csv" else json.dumps({"path": points, "times": [0, 1, 2, 3]}))
+    with pytest.raises(ValueError, match="repeat"):
+        path_scenario_from_file(str(file), spec=TASKS["trajectory_tracking"])
+
+
 @pytest.mark.slow
 def test_what_was_taken_for_granted_is_said_once_however_many_read_the_file(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("".join(f"{x},{y}\n" for x, y in ring(1.0, 60)))
@@ -188,7 +215,6 @@ def test_what_was_taken_for_granted_is_said_once_however_many_read_the_file(tmp_
         ("cx,cy\n0,0\n1,1\n", ":1: 'cx,cy' is neither a row .* names the columns of the place x and y"),
         ("(0, 0)\n(1, 1)\n", ":1: .* is neither a row of numbers, such as 1.5,0.2, nor"),
         ("t,x,y\n[s],[m],[m]\n0,0,0\n1,1,1\n", r":2: '\[s\],\[m\],\[m\]' is no row of numbers; remove it, or put a #"),
-        ("x,y\n0,0\n0,0\n0,0\n1,1\n1,1\n", ":3: point .* repeats the one before it; 2 more rows do so: keep one"),
         ("x,y\n0,0\n,\n1,1\n", ":3: a column is empty; leave out the row"),
         ("# lat,lon\n48.1,11.5\n48.2,11.5\n", ":1: latitude and longitude are degrees; project them to metres"),
         ("/a/position/x,/a/position/y,/b/position/x,/b/position/y\n0,0,1,1\n", "/b/position/x' could both be x; leave"),
