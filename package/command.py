@@ -57,6 +57,7 @@ COMMANDS = {
     "robots": _Command("wayfield.benchmarks.commands.lists", "evaluate", "list robots and their limits", "robots"),
 }
 
+_HELPS, _VERSIONS = ("-h", "--help"), ("-V", "--version")
 _HELP = "\n".join(
     [
         "Usage: wayfield COMMAND [OPTIONS]",
@@ -82,12 +83,12 @@ def main() -> None:
 
 
 def _run(words: list[str]) -> None:
-    if not words or words[0] in ("-h", "--help", "help"):
+    if not words or words[0] in (*_HELPS, "help"):
         started()
         print(_HELP)
         sys.exit(0)
     name, *rest = words
-    if name in ("-V", "--version"):
+    if name in _VERSIONS:
         started()
         print(f"wayfield {__version__}")
         sys.exit(0)
@@ -121,9 +122,11 @@ def _missing(error: BaseException | None) -> str | None:
 def _refused(name: str) -> int:
     import difflib
 
-    near = difflib.get_close_matches(name, COMMANDS, 1)
-    hint = f" Did you mean {near[0]!r}?" if near else ""
-    if name.startswith("-"):
+    option = name.startswith("-")
+    known = {each.lower(): each for each in (*_HELPS, *_VERSIONS, *(() if option else COMMANDS))}
+    near = difflib.get_close_matches(name.lower(), known, 1)
+    hint = f" Did you mean {known[near[0]]!r}?" if near else ""
+    if option and not near:
         hint = f" An option comes behind its command: wayfield evaluate {name}"
     print(f"wayfield: {name!r} is no command.{hint} Choose from {', '.join(COMMANDS)}.", file=sys.stderr)
     return 2

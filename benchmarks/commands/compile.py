@@ -17,7 +17,7 @@ import gymnasium
 from wayfield.envs.tasks.specs import CROWDS, EVERY, TASKS
 from wayfield.policies import ABOUT, Pilot, make
 from wayfield.starting import started
-from wayfield.system.checks import choose, printable
+from wayfield.system.checks import choose, printable, suggestion
 from wayfield.system.compile_notices import NO_CACHE
 from wayfield.system.executors import cores, say, workers
 from wayfield.system.processor_level import levels, settings_of
@@ -45,7 +45,9 @@ def compile(args: Sequence[str], prog_name: str) -> None:
     )
     parser.add_argument("--into", type=Path, metavar="FOLDER", help="write them there: then set NUMBA_CACHE_DIR to it")
     parser.add_argument("--only", metavar="NAME", help="one environment or policy; else all")
-    words = parser.parse_args(args)
+    words, unknown = parser.parse_known_args(args)
+    if unknown:
+        parser.error(f"{unknown[0]!r} is no option.{suggestion(unknown[0], parser._option_string_actions)}")
     started()
     mine = () if "NUMBA_CPU_NAME" in os.environ else levels()[:1]  # named, or lower ones that are there would do
     chosen = words.level or mine or (None,)

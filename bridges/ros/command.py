@@ -27,7 +27,7 @@ from wayfield.envs.tasks.specs import EVERY
 from wayfield.envs.tasks.task import CONTROL_PERIOD, IN_PROCESS
 from wayfield.policies import POLICIES, NoCruisingSpeed, cruising, make
 from wayfield.policies.parts.tuned import read_gains
-from wayfield.system.checks import WHOLE_TURN, printable
+from wayfield.system.checks import WHOLE_TURN, printable, suggestion
 from wayfield.system.command_line import SEED, Choice, Finite, OneLineErrors
 from wayfield.system.extras import installs
 
@@ -493,6 +493,7 @@ def main(args: Sequence[str], prog_name: str = "wayfield ros") -> None:
         return
     name, *rest = words
     if name not in COMMANDS:
-        print(f"{prog_name}: {name!r} is no command; choose from {', '.join(COMMANDS)}", file=sys.stderr)
+        near = suggestion(name, (*COMMANDS, "--help"))
+        print(f"{prog_name}: {name!r} is no command.{near} Choose from {', '.join(COMMANDS)}.", file=sys.stderr)
         sys.exit(2)
     COMMANDS[name].main(args=rest, prog_name=f"{prog_name} {name}")

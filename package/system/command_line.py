@@ -13,6 +13,7 @@ import shlex
 import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator
+from importlib.metadata import version
 from typing import Any, NoReturn, TypeVar
 
 import click
@@ -43,6 +44,7 @@ class OneLineErrors(click.Command):
         super().__init__(*args, **kwargs)
         self._warnings_said: set[str] = set()
         self.context_settings.setdefault("help_option_names", ["-h", "--help"])
+        click.version_option(version("wayfield"), "-V", "--version", message="wayfield %(version)s")(self)
 
     def main(self, *args: Any, **kwargs: Any) -> NoReturn:
         """Runs the command and exits."""

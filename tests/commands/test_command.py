@@ -1,5 +1,6 @@
 """The `wayfield` command: what it hands over, what it says without an extra, its lists, films and the game."""
 
+import importlib
 import importlib.metadata
 import io
 import json
@@ -146,6 +147,19 @@ def test_films_and_games_need_no_more_than_their_extra() -> None:
 def test_a_wrong_name_is_answered_with_the_nearest() -> None:
     assert "'evalute' is no command. Did you mean 'evaluate'? Choose from evaluate, train" in said("evalute").stderr
     assert "comes behind its command: wayfield evaluate --suite" in said("--suite", "documents").stderr
+
+
+def test_every_command_tells_its_version_and_knows_a_misspelt_one() -> None:
+    for word in ("--versoin", "--verison", "version"):
+        assert "is no command. Did you mean '--version'? Choose" in said(word).stderr
+    assert "is no option. Did you mean '--level'?" in said("compile", "--lvel", "x86-64-v3").stderr
+    for name, each in command.COMMANDS.items():
+        if name in ("ros", "compile"):  # which are none of click's
+            continue
+        run = getattr(importlib.import_module(each.module), each.function)
+        assert CliRunner().invoke(run, ["--version"]).output == f"wayfield {wayfield.__version__}\n", name
+        told = CliRunner().invoke(run, ["--versoin"]).stderr
+        assert re.search("No such option '--versoin'.*Did you mean.*'--version'", told), told
 
 
 def test_the_lists_name_all_that_there_is_and_fit_80_columns() -> None:

@@ -155,7 +155,7 @@ def test_numba_that_has_compiled_before_keeps_its_own_processor(tmp_path: Path) 
         (["--level", "x86-64-v9"], "wayfield compile: --level='x86-64-v9' is unknown"),
         (["--only", "dwaa"], "Did you mean 'dwa'"),
         (["--into", "{file}/folder"], "--into"),
-        (["--nothing"], "unrecognized arguments: --nothing"),
+        (["--nothing"], "'--nothing' is no option"),
     ],
 )
 def test_wrong_words_are_refused_in_a_line(
