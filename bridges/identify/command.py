@@ -59,7 +59,8 @@ def main(
     """Finds delay, gain, lag, accelerations, limits and noise of a base from a LOG of its commands and odometry.
 
     LOG is a bag of ROS 1 (.bag) or ROS 2 (a folder, .mcap or .db3), or one or two tables (.csv) with the columns
-    t, v_cmd, w_cmd and t, v, w in SI units.
+    t, v_cmd, w_cmd and t, v, w in SI units, or with the unit in the name: time_ms, "v (km/h)", w_cmd_deg_s. Other names
+    that are read: time, stamp; vx, vel_x; omega, yaw_rate; cmd_vel.linear.x, odom.twist.twist.angular.z.
     """
     for option, file, ending in (("--out", out, ".json"), ("--report", report, ".html")):
         if file is not None and file.suffix != ending:

@@ -12,6 +12,7 @@ import importlib.util
 import io
 import itertools
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.bridges.identify.response import Floats
-from wayfield.system.checks import choose, printable, shown
+from wayfield.system.checks import choose, printable, repeated, shown
 from wayfield.system.extras import installs
 from wayfield.system.objects import fault, read_text
 from wayfield.system.readers import of_path, reader
@@ -34,6 +35,22 @@ MOST_MESSAGES = 5_000_000  # of a topic
 MOST_SCANS = 2000  # that are kept, of those at rest; more say no more of their noise
 MOST_BEAMS = 20_000  # of a scan; those of more say nothing of a lidar, and none is read
 COLUMNS = ("t", "v_cmd", "w_cmd", "v", "w", "x", "y", "heading")
+_WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+|[^A-Za-z_\s./\[\]()-]")  # of a header, camel case apart; "°" is one
+_NANOSECONDS = {"nsec", "nsecs", "nanosec", "nanosecs"}  # beside a column of whole seconds
+_COMMANDED, _MEASURED = {"cmd", "command", "commanded"}, {"odom", "odometry", "measured"}
+_SPELT: Mapping[str, tuple[set[str], ...]] = {  # of COLUMNS, the words that a header may have for each
+    "t": ({"t"}, {"time"}, {"timestamp"}, {"stamp"}),
+    "v": ({"v"}, {"vx"}, {"v", "x"}, {"vel", "x"}, {"linear", "x"}, {"vel", "linear", "x"}),
+    "w": (
+        {"w"}, {"wz"}, {"w", "z"}, {"omega"}, {"omega", "z"}, {"yaw", "rate"}, {"yawrate"}, {"angular", "z"},
+        {"vel", "angular", "z"},
+    ),
+}  # fmt: skip
+_UNITS: Mapping[str, Mapping[str, float]] = {
+    "t": {"": 1.0, "s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+    "v": {"": 1.0, "m/s": 1.0, "mps": 1.0, "km/h": 1 / 3.6, "kmh": 1 / 3.6, "kph": 1 / 3.6, "cm/s": 0.01, "mm/s": 1e-3},
+    "w": {"": 1.0, "rad/s": 1.0, "rads": 1.0, **dict.fromkeys(("deg/s", "degs", "dps", "°/s"), math.pi / 180.0)},
+}
 ECHOED = {9: {"v_cmd": 3, "w_cmd": 8}, 89: {"v": 47, "w": 52}}  # cells of a TwistStamped and of an Odometry
 
 
@@ -107,6 +124,8 @@ def read_tables(file: Path, other: Path | None = None) -> Log:
     A row belongs to the commands if it has both of theirs, and likewise to the odometry; x, y and heading (rad) are a
     true pose. What `ros2 topic echo --csv` writes of TwistStamped and Odometry is taken as well.
 
+    Time and speeds may be called otherwise: see `_column`.
+
     Raises:
         ValueError: in one line that starts with file:line, if a column is missing or a cell is no number.
         OSError: if a file cannot be opened.
@@ -116,18 +135,20 @@ def read_tables(file: Path, other: Path | None = None) -> Log:
     for path in (file, other) if other is not None else (file,):
         text = read_text(str(path))
         sha.update(text.encode())
-        for line, cells in _cells(path, text):
+        for line, cells, units in _cells(path, text):
             for names, table in rows.items():
                 values = [cells.get(name, "") for name in ("t", *names)]
                 if all(values):
                     numbers = [
-                        _number(f"{path}:{line}", name, cell) for name, cell in zip(("t", *names), values, strict=True)
+                        _number(f"{path}:{line}", name, cell) * units.get(name, 1.0)
+                        for name, cell in zip(("t", *names), values, strict=True)
                     ]
                     table.append(numbers)
     for names, what in ((COLUMNS[1:3], "commands"), (COLUMNS[3:5], "odometry")):
         if not rows[names]:
             raise ValueError(
-                f"{file}: holds no {what}; columns {', '.join(('t', *names))} must be in one of the tables"
+                f"{file}: holds no {what}; name columns {', '.join(('t', *names))} in the first line of a table, "
+                f"here {shown(text.partition(chr(10))[0].strip())}, with units that are not SI, such as v_cmd (km/h)"
             )
     commands, odometry, truth = (np.array(table).reshape(len(table), 1 + len(names)) for names, table in rows.items())
     start = min(commands[0, 0], odometry[0, 0])
@@ -139,30 +160,69 @@ def read_tables(file: Path, other: Path | None = None) -> Log:
     )  # fmt: skip
 
 
-def _cells(path: Path, text: str) -> Iterator[tuple[int, dict[str, str]]]:
-    """Yields each row of a table with its line, by the names of its columns."""
+def _column(name: str) -> tuple[str, float] | None:
+    """Returns which of COLUMNS a table calls so, and its unit in those of SI; None where none, or it is not sure.
+
+    Other words for time and speeds are in `_SPELT`, with "cmd" or "command" beside those of a command. A unit may stand
+    behind: time_ms, "v (km/h)", w_deg_s. Whether linear.x is a command or not, "cmd" or "odom" beside it must say.
+    """
+    words = [each.lower() for each in _WORD.findall(name)]
+    commanded = not _COMMANDED.isdisjoint(words)
+    measured = not _MEASURED.isdisjoint(words) or words.count("twist") == 2  # as in the messages of odometry
+    unsure = commanded == measured and (commanded or not {"linear", "angular"}.isdisjoint(words))
+    for end in () if unsure else range(len(words), 0, -1):
+        own = set(words[:end]) - _COMMANDED - _MEASURED - {"twist"}
+        for column, spellings in _SPELT.items():
+            unit = _UNITS[column].get("/".join(words[end:]))
+            if unit is not None and own in spellings and not (column == "t" and (commanded or measured)):
+                return f"{column}_cmd" if commanded else column, unit
+    return None
+
+
+def _header(path: Path, names: Sequence[str]) -> dict[int, tuple[str, float]]:
+    """Returns the columns of a table by their place, each with its unit; ValueError where one comes twice."""
+    if parts := [name for name in names if not _NANOSECONDS.isdisjoint(_WORD.findall(name.lower()))]:
+        raise ValueError(f"{path}:1: {shown(parts[0])} is a part of a time; write one column t, s, with decimals")
+    known = {k: (name, 1.0) for k, name in enumerate(names) if name in COLUMNS}
+    exact = {name for name, _ in known.values()}
+    for k, name in enumerate(names):
+        if k not in known and (found := _column(name)) is not None and found[0] not in exact:
+            known[k] = found
+    if twice := repeated(name for name, _ in known.values()):
+        both = " and ".join(shown(names[k]) for k, (name, _) in known.items() if name == twice)
+        raise ValueError(f"{path}:1: the columns {both} could all be {twice}; name one of them {twice}")
+    return known
+
+
+def _cells(path: Path, text: str) -> Iterator[tuple[int, dict[str, str], dict[str, float]]]:
+    """Yields each row of a table with its line, by the names of its columns, and the units of those."""
     try:
         separator = next((each for each in ";\t" if each in text.partition("\n")[0]), ",")
         rows = csv.reader(io.StringIO(text), delimiter=separator, strict=True)
         header = [each.strip() for each in next(rows, [])]
-        if "t" not in header and len(header) in ECHOED:
+        known = _header(path, header)
+        timed = any(name == "t" for name, _ in known.values())
+        if not timed and len(header) in ECHOED:
             for row in itertools.chain([header], filter(None, rows)):
                 if len(row) != len(header) or not (row[0] + row[1]).isdigit():
                     raise ValueError(f"{path}:{rows.line_num}: is no message as line 1, which ros2 topic echo wrote")
                 numbers = {name: row[place] for name, place in ECHOED[len(header)].items()}
-                yield rows.line_num, {"t": f"{row[0]}.{row[1]:0>9}", **numbers}
+                yield rows.line_num, {"t": f"{row[0]}.{row[1]:0>9}", **numbers}, {}
             return
-        if "t" not in header or len(set(header)) < len(header):
-            timeless = "; a Twist that ros2 topic echo wrote has no time: record a bag" if len(header) == 6 else ""
+        if not timed:
+            bare = len(header) == 6 and header[0][:1] in "-.0123456789"
+            timeless = "; a Twist that ros2 topic echo wrote has no time: record a bag" if bare else ""
             raise ValueError(
-                f"{path}:1: columns are {shown(header)}; they must be some of {', '.join(COLUMNS)}, each once{timeless}"
+                f"{path}:1: columns are {shown(header)}; they must be some of {', '.join(COLUMNS)}, named in the "
+                f"first line, each once{timeless}"
             )
+        units = dict(known.values())
         for row in rows:
             if not row:
                 continue
             if len(row) != len(header):
                 raise ValueError(f"{path}:{rows.line_num}: has {len(row)} cells; the header has {len(header)}")
-            yield rows.line_num, dict(zip(header, (each.strip() for each in row), strict=True))
+            yield rows.line_num, {name: row[k].strip() for k, (name, _) in known.items()}, units
     except csv.Error as error:
         raise ValueError(f"{path}:{rows.line_num}: {error}") from None
 

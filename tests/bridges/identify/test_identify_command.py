@@ -132,7 +132,20 @@ def bad() -> Iterator[tuple[str, str, str]]:
         table(drive).replace(",", ";").replace(".", ","),
         "must be a finite number with a decimal point",
     )
-    yield "columns", table(drive).replace("t,v_cmd", "time,v_cmd", 1), "columns are"
+    for names, told in (
+        ("clock,v_cmd,w_cmd,v,w", "columns are ['clock', "),
+        ("time [µs],v_cmd,w_cmd,v,w", "columns are ['time [µs]', "),
+        ("secs,nsecs,w_cmd,v,w", "'nsecs' is a part of a time; write one column t"),
+        ("time,stamp,w_cmd,v,w", "the columns 'time' and 'stamp' could all be t; name one of them t"),
+        (
+            "t,linear.x,angular.z,v,w",
+            "holds no commands; name columns t, v_cmd, w_cmd in the first line of a table, here",
+        ),
+        ("t,v_cmd,w_cmd,v (%),w", "holds no odometry"),
+        ("t,v_cmd,w_cmd,v,omega (rpm)", "holds no odometry"),
+        ("t,v_cmd,w_cmd,v_left,v_right", "holds no odometry"),
+    ):
+        yield names, table(drive).replace("t,v_cmd,w_cmd,v,w", names, 1), told
 
 
 def test_a_table_that_cannot_say_is_refused_in_a_line(tmp_path: Path) -> None:
@@ -143,6 +156,34 @@ def test_a_table_that_cannot_say_is_refused_in_a_line(tmp_path: Path) -> None:
             check(read_log([file]))
         assert told in str(error.value), name
         assert "\n" not in str(error.value), name
+
+
+@pytest.mark.parametrize(
+    ("names", "units"),
+    [
+        ("T,cmd_v,cmd_w,vx,omega", [1, 1, 1, 1, 1]),
+        ("Time [s],v_cmd (m/s),yaw_rate_cmd (rad/s),vel_x,yawRate", [1, 1, 1, 1, 1]),
+        ("timestamp,cmd_vel.linear.x,cmd_vel.angular.z,/odom/twist/twist/linear/x,twist.twist.angular.z", [1] * 5),
+        ("time_ms,v_cmd_kmh,w_cmd_deg_s,v (cm/s),w (°/s)", [1e3, 3.6, 180 / math.pi, 100, 180 / math.pi]),
+    ],
+)
+def test_other_names_and_units_of_a_header_are_read_as_the_table_in_si(
+    names: str, units: list[float], tmp_path: Path
+) -> None:
+    drive = driven(seconds=10.0)
+    plain, other = tmp_path / "plain.csv", tmp_path / "other.csv"
+    plain.write_text(table(drive))
+    t, command, speed = units[0], units[1:3], units[3:]
+    scaled = {"times": t * drive.times, "command_times": t * drive.command_times}
+    other.write_text(
+        table(changed(drive, **scaled, commands=drive.commands * command, speeds=drive.speeds * speed)).replace(
+            "t,v_cmd,w_cmd,v,w", names, 1
+        ),
+        encoding="utf-8",
+    )
+    ours, theirs = read_log([plain]), read_log([other])
+    for name in ("command_times", "commands", "times", "speeds"):
+        np.testing.assert_allclose(getattr(theirs, name), getattr(ours, name), rtol=1e-12, atol=1e-5)
 
 
 def test_what_topic_echo_writes_is_read_as_the_table_of_its_numbers(tmp_path: Path) -> None:
