@@ -111,6 +111,11 @@ class OneLineErrors(click.Command):
             rest = super().parse_args(ctx, args)
             given = self.make_parser(ctx).parse_args(words)[2]
         except click.UsageError as error:
+            options = {each for param in self.params for each in param.opts}
+            for word in words:
+                meant = "--" + word.lstrip("-\u2013\u2014").partition("=")[0]  # and the dashes of a page's typesetter
+                if word[:1] in "-\u2013\u2014" and not word.startswith("--") and meant in options:
+                    raise click.UsageError(f"{word!r} is no option. Did you mean {meant!r}?", ctx) from None
             if "unexpected extra argument" not in error.message:
                 raise
             example = " --policies lqr,mpc" if any("--policies" in each.opts for each in self.params) else " a,b"

@@ -24,7 +24,7 @@ from PIL import Image
 
 import wayfield
 from wayfield import command, starting
-from wayfield.benchmarks.commands import lists, play
+from wayfield.benchmarks.commands import evaluate, lists, play
 from wayfield.benchmarks.figures import video
 from wayfield.benchmarks.figures.one_drive import Place
 from wayfield.envs.robots import ROBOTS
@@ -160,6 +160,11 @@ def test_every_command_tells_its_version_and_knows_a_misspelt_one() -> None:
         assert CliRunner().invoke(run, ["--version"]).output == f"wayfield {wayfield.__version__}\n", name
         told = CliRunner().invoke(run, ["--versoin"]).stderr
         assert re.search("No such option '--versoin'.*Did you mean.*'--version'", told), told
+        told = CliRunner().invoke(run, ["-version"]).stderr
+        assert "'-version' is no option. Did you mean '--version'?" in told, told
+    for word in ("\u2013suite", "\u2014suite"):  # as a page's typesetter leaves two hyphens
+        told = CliRunner().invoke(evaluate.main, [word, "docking"]).stderr
+        assert f"{word!r} is no option. Did you mean '--suite'?" in told
 
 
 def test_the_lists_name_all_that_there_is_and_fit_80_columns() -> None:
