@@ -357,7 +357,8 @@ def _mission(name: str, robot: Robot, options: dict[str, Any]) -> Any:
                 # never above the one that a policy has
                 top = options["max_speed"]
                 slower = cruising(name, gains, top) if own is None else own.cruising(top) or {}
-                faster = make(name, **gains) if own is None else own.make(gains).policy
+                faster: Any = make(name, **gains) if own is None else own.make(gains)
+                faster = faster if own is None else faster.policy  # what `Checked` holds
                 gains |= {key: value for key, value in slower.items() if value < (getattr(faster, key) or math.inf)}
         policy = make(name, **gains) if own is None else own.make(gains)
         check_drives(policy, name, robot, bool(path))
