@@ -7,6 +7,7 @@ from typing import Any
 
 import matplotlib
 import numpy as np
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon
@@ -76,8 +77,14 @@ def saved(make: Callable[[], Figure], stem: Path) -> None:
     """Makes a figure in the style of the house and writes it as STEM.svg and STEM.png."""
     with matplotlib.rc_context(RC):
         figure = make()
+        layout, dpi = figure.get_layout_engine(), figure.dpi
+        if layout is not None:  # once, as for the .svg: `savefig` would draw all that there is for it, in vain
+            FigureCanvasSVG(figure)
+            figure.dpi = 72
+            layout.execute(figure)
+            figure.dpi = dpi
+            figure.set_layout_engine(None)
         figure.savefig(f"{stem}.svg", metadata={"Date": None})
-        figure.set_layout_engine(None)  # things are where they belong: finding that takes as long as drawing
         figure.savefig(f"{stem}.png", dpi=130)
 
 
