@@ -12,6 +12,7 @@ from wayfield.benchmarks.commands.contest_options import Options, WrongOption
 from wayfield.benchmarks.contests import ALL_CONTESTS, Contest
 from wayfield.benchmarks.contests.contest import left_out
 from wayfield.benchmarks.leaderboards.leaderboard import contest_tables
+from wayfield.benchmarks.records.cases import Case
 from wayfield.benchmarks.records.episode import Episodes
 from wayfield.benchmarks.records.progress import tracked
 from wayfield.benchmarks.records.replays import write_drives
@@ -21,7 +22,7 @@ from wayfield.benchmarks.records.table import Table
 from wayfield.benchmarks.report.findings import finding_of
 from wayfield.benchmarks.report.page import Section, write_page
 from wayfield.benchmarks.report.worlds import write_worlds
-from wayfield.benchmarks.runs.decisions import DECISIONS, measured, read_decisions, write_decisions
+from wayfield.benchmarks.runs.decisions import DECISIONS, Timing, measured, read_decisions, write_decisions
 from wayfield.benchmarks.runs.prefetch import Prefetch
 from wayfield.benchmarks.runs.shards import Part, clear_parts, drives_of, parts_of, run_contest
 from wayfield.benchmarks.runs.suite import Setting
@@ -100,10 +101,10 @@ def contest_section(
     with holding(folder, run):
         parts = parts_of(settings, folder)
         with _stopped_in_a_line(parts), staging(folder, run) as stage, near(executor, count) as here:
-            _play(options, settings, folder, stage, executor)
+            _play(options, settings, folder, stage, executor, here)
             rows = read_rows(stage)
-            tables = write_tables(stage, rows, options.command, options.ladder)
             with drawing(here, draw_contest, wanted_figures(stage, rows, options.ladder)):
+                tables = write_tables(stage, rows, options.command, options.ladder)
                 yield Section(stage, tables, named=options.names or ())
         clear_parts(parts)
 
@@ -147,8 +148,10 @@ def holding(folder: Path, run: Run) -> Iterator[None]:
         yield
 
 
-def _play(options: Options, settings: Sequence[Setting], folder: Path, stage: Path, executor: Executor) -> None:
-    """Plays the parts of a contest and writes what they tell."""
+def _play(
+    options: Options, settings: Sequence[Setting], folder: Path, stage: Path, executor: Executor, here: Executor
+) -> None:
+    """Plays the parts of a contest and writes what they tell; decisions are timed by `here`, of this machine."""
     rows, trajectories = run_contest(settings, folder, executor)
     write_rows(stage, rows)
     write_trajectories(stage, trajectories)
@@ -157,7 +160,12 @@ def _play(options: Options, settings: Sequence[Setting], folder: Path, stage: Pa
     if not options.ladder:
         if isinstance(executor, Prefetch):
             executor.settle()  # after the rest, alone on the machine
-        write_decisions(stage, measured(options.timed(), batches=(1,), rounds=2))
+        for timings in here(_timed, [options.timed()]):  # by one that has driven: what drives is in its memory
+            write_decisions(stage, timings)
+
+
+def _timed(cases: Sequence[Case]) -> list[Timing]:
+    return measured(cases, batches=(1,), rounds=2)
 
 
 @contextlib.contextmanager

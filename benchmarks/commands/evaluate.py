@@ -71,7 +71,7 @@ from wayfield.benchmarks.report.page import Section, write_page
 from wayfield.benchmarks.report.worlds import write_worlds
 from wayfield.benchmarks.runs.payloads import sent
 from wayfield.benchmarks.runs.prefetch import Prefetch, prefetching
-from wayfield.benchmarks.runs.shards import Part, parts_of, play_together, rows_so_far
+from wayfield.benchmarks.runs.shards import Part, load, parts_of, play_together, rows_so_far
 from wayfield.benchmarks.runs.suite import Episode, Setting, episodes, gathered, heads_first, run, together
 from wayfield.envs import goal_reaching
 from wayfield.envs.robots import ACTUATORS, ROBOTS
@@ -93,7 +93,7 @@ from wayfield.system.command_line import (
     shared_out,
 )
 from wayfield.system.compiled import is_stored
-from wayfield.system.executors import HERE, Executor
+from wayfield.system.executors import Executor
 from wayfield.system.extras import installs
 from wayfield.system.storage import write_whole
 
@@ -283,13 +283,17 @@ def run_overview(options: Options) -> None:
     with holding(inner, inside.run):  # refused before the documents are run, if it is not free
         pass
     cases = documents()
-    settings = settings_of(inside)
-    parts, executor = parts_of(settings, inner), HERE
     done: dict[int, list[Episode]] = {}
-    try:
+    with contextlib.ExitStack() as starting:
         # the same processes do all of it: with each comes what it imports, reads and, the first time, compiles
-        with shared_out(options.processes) as processes, contextlib.ExitStack() as stack:
-            executor = prefetching(processes)
+        executor = prefetching(starting.enter_context(shared_out(options.processes)))
+        if isinstance(executor, Prefetch):  # they import while this one reads what there is to do
+            executor.begin(load, range(options.processes))
+        settings = settings_of(inside)
+        parts = parts_of(settings, inner)
+        processes = starting.pop_all()
+    try:
+        with processes, contextlib.ExitStack() as stack:
             _begin(executor, _settings_of(options, DOCUMENTS, cases), parts)
             stack.enter_context(holding(folder, this))
             stage = stack.enter_context(staging(folder, this))
@@ -546,8 +550,8 @@ def _cases_section(
         write_drives(stage, {k: drive_of(each) for k, each in enumerate(trajectories.values())})
         write_worlds(stage, settings)
         written = read_rows(stage)
-        shown = write_case_tables(stage, written, cases)
         with drawing(here, draw, wanted_figures(stage, written)):
+            shown = write_case_tables(stage, written, cases)
             if options.video:
                 from wayfield.benchmarks.figures.video import film
 

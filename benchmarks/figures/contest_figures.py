@@ -59,10 +59,10 @@ def wanted_figures(folder: Path, rows: Episodes, ladder: bool) -> list[tuple[Pat
         if ladder:
             figures.append((folder, name, robot, "ladder"))
             continue
-        figures += [(folder, name, robot, figure) for figure in ("families", "worst")]
+        figures += [(folder, name, robot, figure) for figure in ("worst", "families")]
         if "front" in mine.unique("split"):
             figures.append((folder, name, robot, "front"))
-    return figures
+    return sorted(figures, key=lambda each: each[-1] == "families")  # those that take long first
 
 
 def families(contest: Contest, rows: Episodes, folder: Path) -> Figure:

@@ -143,7 +143,7 @@ def rows_so_far(parts: Sequence[Part], ended: Mapping[int, Mapping[str, bytes]])
         most = max(of_family.values(), key=len)
         for family, entries in of_family.items():
             if most and most <= entries:
-                rows += [row for entry in most for part in entered[family][entry] for row in read_part(part.folder)[0]]
+                rows += [row for entry in most for part in entered[family][entry] for row in _rows_of_part(part.folder)]
     return Episodes(rows)
 
 
@@ -178,10 +178,12 @@ def _rows_of(parts: Sequence[Part], most: int | None, worst: dict[tuple[str, ...
     """Yields the rows of all parts; notes where the worst trajectories of each entry are, or all, the worst first."""
     first = 0
     for part in parts:
-        rows, trajectories = read_part(part.folder)
+        rows = _rows_of_part(part.folder)
         cost = ALL_CONTESTS[rows[0]["contest"]].spec.cost.metric
         here = worst.setdefault(tuple(rows[0][name] for name in _ENTRY), [])
-        here += [_Place(badness(rows[int(i)], cost), part.folder, i, first + int(i)) for i in trajectories]
+        here += [
+            _Place(badness(rows[i], cost), part.folder, f"{i:05d}", first + i) for i in _shown(rows, part.setting.keep)
+        ]
         here.sort(key=lambda place: place.badness)
         del here[len(here) if most is None else most :]
         first += len(rows)
@@ -305,6 +307,10 @@ def in_frames(count: int) -> str:
     return f"{count / 1e6:.1f} M frames" if count >= 100_000 else f"{count / 1e6:.2g} M frames"
 
 
+def load(_: int) -> None:
+    """Does nothing, in a process that has imported what it plays with by then."""
+
+
 def play(setting: Setting) -> dict[str, bytes]:
     """Returns the files of a part, by their name: its rows, the trajectories that are kept, and the drives of all."""
     return play_together((setting,))[0]
@@ -316,12 +322,17 @@ def play_together(settings: Sequence[Setting]) -> list[dict[str, bytes]]:
 
 
 def _files(setting: Setting, driven: Sequence[Episode]) -> dict[str, bytes]:
-    most, cost = setting.keep, ALL_CONTESTS[setting.case.contest].spec.cost.metric
-    order = sorted(range(len(driven)), key=lambda i: badness(driven[i][0], cost))
-    trajectories = {f"{i:05d}": driven[i][1] if most is None else slim(driven[i][1]) for i in order[:most]}
+    rows, most = [row for row, _ in driven], setting.keep
+    trajectories = {f"{i:05d}": driven[i][1] if most is None else slim(driven[i][1]) for i in _shown(rows, most)}
     drives = {i: drive_of(trajectory) for i, (_, trajectory) in enumerate(driven)}
     own = isinstance(setting.case.entrant, OwnClass)
-    return _packed([row for row, _ in driven], trajectories, drives, sources() if own else {})
+    return _packed(rows, trajectories, drives, sources() if own else {})
+
+
+def _shown(rows: Sequence[Row], most: int | None) -> list[int]:
+    """Returns which episodes of a part keep their trajectory, the worst first."""
+    cost = ALL_CONTESTS[rows[0]["contest"]].spec.cost.metric
+    return sorted(range(len(rows)), key=lambda i: badness(rows[i], cost))[:most]
 
 
 def _changed(part: Part) -> str:
@@ -384,6 +395,11 @@ def read_part(folder: Path) -> tuple[list[Row], dict[str, Trajectory]]:
         ValueError: if the part is not as it was written; the message names the file.
         OSError: if a file is missing or cannot be opened.
     """
+    return _rows_of_part(folder), read_trajectories(folder)
+
+
+def _rows_of_part(folder: Path) -> list[Row]:
+    """Returns the rows of a part as `read_part`, which alone looks into the trajectories: their digest is enough."""
     digests = _parsed(folder / _DIGESTS)
     for name in (_ROWS, _SOURCES, TRAJECTORIES, DRIVES):
         if not isinstance(digests, dict) or file_digest(folder / name) != digests.get(name):
@@ -393,7 +409,7 @@ def read_part(folder: Path) -> tuple[list[Row], dict[str, Trajectory]]:
         raise ValueError(f"{folder / _ROWS} must be a list of rows, each of texts and numbers by their names")
     if not _of(loaded, str):
         raise ValueError(f"{folder / _SOURCES} must map modules to digests")
-    return rows, read_trajectories(folder)
+    return rows
 
 
 def _parsed(file: Path) -> Any:
