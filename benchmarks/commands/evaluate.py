@@ -72,7 +72,17 @@ from wayfield.benchmarks.report.worlds import write_worlds
 from wayfield.benchmarks.runs.payloads import sent
 from wayfield.benchmarks.runs.prefetch import Prefetch, prefetching
 from wayfield.benchmarks.runs.shards import Part, load, parts_of, play_together, rows_so_far
-from wayfield.benchmarks.runs.suite import Episode, Setting, episodes, gathered, heads_first, run, together
+from wayfield.benchmarks.runs.suite import (
+    Episode,
+    Group,
+    Setting,
+    episodes,
+    episodes_together,
+    gathered,
+    heads_first,
+    run,
+    together,
+)
 from wayfield.envs import goal_reaching
 from wayfield.envs.robots import ACTUATORS, ROBOTS
 from wayfield.envs.robots.robot_option import robot_option
@@ -320,10 +330,8 @@ def _tell_so_far(
     """Prints what an overview that was interrupted has found, and keeps the parts that are done."""
     ended: Mapping[int, Any] = {}
     if isinstance(executor, Prefetch):
-        done = {**done, **executor.ended(episodes, settings)}
-        groups = together([part.setting for part in parts])
-        played = executor.ended(play_together, [tuple(parts[k].setting for k in group) for group in groups])
-        ended = {k: files for g, each in played.items() for k, files in zip(groups[g], each, strict=True)}
+        done = {**done, **_ended(executor, episodes_together, settings)}
+        ended = _ended(executor, play_together, [part.setting for part in parts])
     findings: Short = []
     if ended or any(part.folder.is_dir() for part in parts):
         with holding(parts[0].folder.parents[1], options.run):
@@ -332,6 +340,13 @@ def _tell_so_far(
         findings.append(reproduced(gathered(done)[0], cases))
     say("\nSo far:")
     print_short(findings)
+
+
+def _ended(executor: Prefetch, function: Callable[[Any], Any], settings: Sequence[Setting]) -> dict[int, Any]:
+    """Returns what has become of settings that were begun `together`, by their numbers."""
+    groups = together(settings)
+    results = executor.ended(function, [tuple(settings[k] for k in group) for group in groups])
+    return {k: result for g, each in results.items() for k, result in zip(groups[g], each, strict=True)}
 
 
 def run_documents(options: Options) -> None:
@@ -541,7 +556,10 @@ def _cases_section(
     this = Run(name, options.command, (*figures, *films))
     with holding(folder, this), staging(folder, this) as stage, near(executor, options.processes) as here:
         try:
-            run(settings, lambda items: executor.as_done(*sent(executor, episodes, items)), done)
+            if executor.remote:  # with its files
+                run(settings, [[k] for k in range(len(settings))], lambda work: _apart(executor, work), done)
+            else:
+                run(settings, together(settings), lambda work: executor.as_done(episodes_together, work), done)
         except ValueError as error:  # a damaged agent
             raise click.ClickException(str(error)) from None
         rows, trajectories = gathered(done)
@@ -560,6 +578,12 @@ def _cases_section(
             yield Section(stage, shown, findings)
 
 
+def _apart(executor: Executor, work: Iterable[Group]) -> Iterator[tuple[int, list[list[Episode]]]]:
+    """Yields what becomes of groups of one on other machines, as `AsDone`."""
+    for k, rows in executor.as_done(*sent(executor, episodes, [setting for (setting,) in work])):
+        yield k, [rows]
+
+
 def write_case_tables(folder: Path, rows: Episodes, cases: Iterable[Case]) -> list[Table]:
     """Writes the tables of cases into the folder of their run; returns them."""
     shown = document_tables(rows, cases)
@@ -572,12 +596,12 @@ def _begin(executor: Executor, cases: Sequence[Setting], parts: Sequence[Part]) 
     if not isinstance(executor, Prefetch):
         return
     left = [part.setting for part in parts if not part.folder.is_dir()]
-    groups = [tuple(left[k] for k in group) for group in together(left)]
-    work: list[tuple[Any, Any, Setting]] = [(episodes, setting, setting) for setting in cases]
-    work += [(play_together, group, group[0]) for group in groups]
-    for i in heads_first([setting for *_, setting in work]):
-        function, item, _ = work[i]
-        executor.begin(function, [item])
+    work: list[tuple[Any, Group]] = []
+    for function, settings in ((episodes_together, cases), (play_together, left)):
+        work += [(function, tuple(settings[k] for k in group)) for group in together(settings)]
+    for i in heads_first([group[0] for _, group in work]):
+        function, group = work[i]
+        executor.begin(function, [group])
 
 
 @contextlib.contextmanager

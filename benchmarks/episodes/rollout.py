@@ -92,18 +92,25 @@ def roll_out(
 def roll_out_together(
     cases: Sequence[Case], dynamics: str, actuators: str, seeds: Sequence[int], episodes: int
 ) -> list[list[Trajectory]]:
-    """Returns what `roll_out` does of each of some cases of every scenario and its seed, which differ in family alone.
+    """Returns what `roll_out` does of each of some cases and its seed, which differ in their scenarios alone.
+
+    Each is of every scenario of its bank, or the bank has one.
 
     All of them are driven at once: a control period of one robot takes as long as that of some ten.
     """
     first = cases[0]
-    hull_radius = robot_of(first.env_kwargs["robot"]).hull_radius
-    banks = [scenarios_of(spec_of(case.env_id), case.scenario, hull_radius) for case in cases]
+    banks = [bank_of(case) for case in cases]
     bank = [each[k % len(each)] for each in banks for k in range(episodes)]
     env = make_vector(first, dynamics, actuators, len(bank), bank)
     whose = [case for case in cases for _ in range(episodes)]
     driven = _driven(env, whose, [seed + k for seed in seeds for k in range(episodes)], list(range(len(bank))))
     return [driven[k : k + episodes] for k in range(0, len(driven), episodes)]
+
+
+def bank_of(case: Case) -> tuple[Any, ...]:
+    """Returns the scenarios of a case."""
+    robot = robot_of(case.env_kwargs.get("robot", "p3dx"))  # paths, where none is named, are those of every hull
+    return scenarios_of(spec_of(case.env_id), case.scenario, robot.hull_radius)
 
 
 def _driven(

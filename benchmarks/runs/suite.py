@@ -10,7 +10,7 @@ from typing import Any
 from wayfield.benchmarks.contests import OF_KIND
 from wayfield.benchmarks.episodes import crowds
 from wayfield.benchmarks.episodes.metrics import measure
-from wayfield.benchmarks.episodes.rollout import roll_out, roll_out_together
+from wayfield.benchmarks.episodes.rollout import bank_of, roll_out, roll_out_together
 from wayfield.benchmarks.records.cases import Case
 from wayfield.benchmarks.records.episode import Episodes, Row
 from wayfield.benchmarks.records.progress import tell_of_compiling, tracked
@@ -45,19 +45,24 @@ class Setting:
         return f"{self.case.policy} on {self.case.scenario}"
 
 
-AsDone = Callable[[list[Setting]], Iterator[tuple[int, list[Episode]]]]  # the numbers of settings, and their episodes
+Group = tuple[Setting, ...]  # that is driven at once
+AsDone = Callable[[list[Group]], Iterator[tuple[int, list[list[Episode]]]]]  # their numbers, and each setting's rows
 
 
-def run(settings: Sequence[Setting], as_done: AsDone, done: dict[int, list[Episode]]) -> None:
+def run(
+    settings: Sequence[Setting], groups: Sequence[Sequence[int]], as_done: AsDone, done: dict[int, list[Episode]]
+) -> None:
     """Drives all settings.
 
     Args:
+        groups: their numbers, of those that are driven at once in a list.
         done: receives the episodes of each setting, by its number, as soon as they are there.
     """
-    order = heads_first(settings)
+    order = heads_first([settings[group[0]] for group in groups])
+    work = [tuple(settings[k] for k in groups[g]) for g in order]
     compiles = tell_of_compiling(goal_reaching.step_rows)
-    for k, rows in tracked(as_done([settings[i] for i in order]), len(settings), "runs", compiles):
-        done[order[k]] = rows
+    for n, driven in tracked(as_done(work), len(work), "runs", compiles):
+        done.update(zip(groups[order[n]], driven, strict=True))
 
 
 def gathered(done: Mapping[int, list[Episode]]) -> tuple[Episodes, dict[str, Trajectory]]:
@@ -82,21 +87,28 @@ def episodes(setting: Setting) -> list[Episode]:
 
 
 def together(settings: Sequence[Setting]) -> list[list[int]]:
-    """Returns the numbers of settings, of those that are driven at once in a list: of few episodes, on other families.
+    """Returns the numbers of settings, of those that are driven at once in a list: of few episodes, on other scenarios.
 
-    What of the package drives in frozen scenarios drives the same alone and beside others, bit for bit.
+    What of the package drives in its scenarios drives the same alone and beside others, bit for bit.
     """
     groups: dict[str, list[int]] = {}
     for k, setting in enumerate(settings):
         case = setting.case
         frozen = case.scenario.partition("@")[0] == f"{case.family}/{case.split}" and case.every_scenario
-        alone = not frozen or setting.members or setting.numbers or setting.episodes > FEW or case.policy == "random"
-        if alone or case.entrant or setting.dynamics != "kinematic" or spec_of(case.env_id) in CROWDS.values():
+        alone = setting.members or setting.numbers or setting.episodes > FEW or case.policy == "random"
+        alone = alone or case.entrant or not (frozen or _is_one(case))
+        if alone or setting.dynamics != "kinematic" or spec_of(case.env_id) in CROWDS.values():
             groups[str(k)] = [k]
         else:
-            alike = dataclasses.replace(setting, case=dataclasses.replace(case, family="", scenario=""), seed=0)
+            one = dataclasses.replace(case, family="", scenario="", published={}, source="", reference={}, filmed=False)
+            alike = dataclasses.replace(setting, case=one, seed=0)
             groups.setdefault(repr(alike), []).append(k)
     return list(groups.values())
+
+
+def _is_one(case: Case) -> bool:
+    """Returns whether a case is about one scenario of the package."""
+    return not case.every_scenario and not os.path.isabs(case.scenario) and len(bank_of(case)) == 1
 
 
 def episodes_together(settings: Sequence[Setting]) -> list[list[Episode]]:
