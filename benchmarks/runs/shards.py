@@ -205,14 +205,18 @@ def played_together(settings: Sequence[Setting]) -> list[list[Episode]]:
         warnings.simplefilter("ignore", NewToAgent)  # the table shows how agents do there
         warnings.simplefilter("ignore", FileNote)  # said where the courses were made
         complete = []
+        about = described(ALL_CONTESTS[settings[0].case.contest], settings[0].case)  # they differ in scenarios alone
         for setting, driven in zip(settings, episodes_together(settings), strict=True):
-            rows = zip(driven, declared(setting), strict=True)
+            rows = zip(driven, declared(setting, about), strict=True)
             complete.append([(row | more, trajectory) for (row, trajectory), more in rows])
         return complete
 
 
-def declared(setting: Setting) -> list[dict[str, Any]]:
+def declared(setting: Setting, about: Mapping[str, str] | None = None) -> list[dict[str, Any]]:
     """Returns what a row of each episode has of its scenario and of the policy: all that driving does not show.
+
+    Args:
+        about: what `described` says of the policy; None: it is asked.
 
     Raises:
         ValueError: as `played`.
@@ -221,7 +225,8 @@ def declared(setting: Setting) -> list[dict[str, Any]]:
     split = "front" if case.speed is not None else case.split
     speed = {} if case.speed is None else {"speed": case.speed}
     failure = contest.failure_cost(case.max_episode_steps)
-    more = {"split": split, **speed, "failure_cost": failure, **described(contest, case)}
+    about = described(contest, case) if about is None else about
+    more = {"split": split, **speed, "failure_cost": failure, **about}
     members = members_of(contest, setting)
     lines = []
     for k in setting.numbers or range(setting.episodes):

@@ -95,9 +95,9 @@ def together(settings: Sequence[Setting]) -> list[list[int]]:
     for k, setting in enumerate(settings):
         case = setting.case
         frozen = case.scenario.partition("@")[0] == f"{case.family}/{case.split}" and case.every_scenario
-        alone = setting.members or setting.numbers or setting.episodes > FEW or case.policy == "random"
-        alone = alone or case.entrant or not (frozen or _is_one(case))
-        if alone or setting.dynamics != "kinematic" or spec_of(case.env_id) in CROWDS.values():
+        many = setting.members or setting.numbers or setting.episodes > FEW
+        alone = bool(many) or case.entrant is not None or case.policy == "random" or setting.dynamics != "kinematic"
+        if alone or not (frozen or _is_one(case)) or spec_of(case.env_id) in CROWDS.values():
             groups[str(k)] = [k]
         else:
             one = dataclasses.replace(case, family="", scenario="", published={}, source="", reference={}, filmed=False)

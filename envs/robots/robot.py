@@ -442,6 +442,13 @@ class Robot:
 
         Delay, gain, decelerations, saturation and response of the sheet belong to every tier but "ideal".
         """
+        return self._actuators[tier]
+
+    @functools.cached_property
+    def _actuators(self) -> Mapping[str, Actuators]:
+        return {tier: self._of_tier(tier) for tier in ACTUATORS}
+
+    def _of_tier(self, tier: str) -> Actuators:
         named = ACTUATORS[tier]
         lags = [named.lag * (lag / _NOMINAL.lag) for lag in self._of_axes(self.lag, 0.0)]
         acceleration = named.acceleration * (self.acceleration / _NOMINAL.acceleration)
