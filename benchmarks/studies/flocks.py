@@ -917,7 +917,8 @@ def page(teams: Sequence[Row], people: Sequence[Row], crossed: Sequence[Row], cu
 def page_of(folder: Path) -> tuple[dict[str, list[dict[str, str]]], str]:
     """Returns the kept rows of a folder by their part, and the page that they make."""
     rows = {name: read(folder / file) for name, file in FILES.items()}
-    prose = PROSE.format(counts=counts(rows), tuning=tuning(), large=LARGE, seeds=PPO_SEEDS)
+    seeds = f"{PPO_SEEDS} of {len(shipped(AGENTS['ppo'], ROBOT))}"
+    prose = PROSE.format(counts=counts(rows), tuning=tuning(), seeds=seeds)
     return rows, page(rows["teams"], rows["people"], rows["cross"], rows["curves"], prose)
 
 
