@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching
+from wayfield.envs.robots import Robot
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies.parts.gain import gain
 from wayfield.policies.parts.laws import ScanLaw
@@ -62,7 +63,7 @@ STATE = [
 ]
 
 NEAR = 1.5  # m, within which the hits themselves are looked at
-RECALL = 1.0  # s, for which they are remembered
+RECALL, LONG_RECALL = 1.0, 10.0  # s, for which they are remembered; the longer by a hull that may fill a door
 FINE, HULL = 0.35, 0.3  # m: up to which hull the grid is as `cell` says, and the one that `cell` is for
 
 
@@ -84,8 +85,10 @@ class ScanPlanner(PolylineTracker, ScanLaw):
     still, the robot forgets the map but for what it now sees. The way is straightened by line of sight, let go like an
     elastic band, and driven by the law of `PolylineTracker`; into cells not seen yet the robot drives with room to stop
     before them, or creeps. Whatever it drives, it slows until it can stop before the hits themselves, of this scan and
-    of the last second. It plans anew when the plan gets blocked, the goal changes, it has been moved more than
-    `astray`, is stuck, or `period` has passed.
+    of the last second. A round hull of 0.35 m and more may fill the narrowest doors of its class: it remembers hits for
+    ten seconds, and keeps them in the map, where beams that pass beside the end of a thin wall would take it out (a box
+    is narrower than the disc around it). It plans anew when the plan gets blocked, the goal changes, it has been moved
+    more than `astray`, is stuck, or `period` has passed.
 
     What comes nearer by itself (`find_approaching`) is also entered where it will be in `foresight`, so that ways lead
     around it; one that is `evade_within` away, or will be in `evade_time`, is backed away from.
@@ -131,7 +134,7 @@ class ScanPlanner(PolylineTracker, ScanLaw):
         p = self.params(
             briefing,
             **search(self.cell),
-            recall=RECALL,
+            recall=self.recall(briefing.robot),
             period_steps=round(self.period / briefing.dt),
             pause_steps=round(self.pause / briefing.dt),
             all_round=sees_all_round(briefing),
@@ -139,6 +142,10 @@ class ScanPlanner(PolylineTracker, ScanLaw):
         table = stamps(self.cell, radius + self.wanted_clearance + 1.5 * self.cell)
         decide(p, prices, table, scan, Seen.of(observation, briefing), state)
         return self.twists(briefing, state)
+
+    def recall(self, robot: Robot) -> float:
+        """Returns for how long (s) hits are remembered that are out of sight."""
+        return LONG_RECALL if robot.hull_box is None and robot.hull_radius >= FINE else RECALL
 
     def driven(self, memory: NDArray[Any], commands: NDArray[np.float64]) -> None:
         """Takes the commands (b, 3), as the plant takes them, that were driven in place of those it asked for."""
@@ -186,7 +193,8 @@ def decide(params, prices, table, scan, seen, memory):
         enter_scan(m, table, scan, i, pose, p.plant.hull_radius)
         count = find_hits(p, scan, seen, m, i, NEAR, p.plant.hull_radius + 0.5 * p.skin, points)
         foreseen = find_approaching(p, scan, seen, m, i, p.plant.hull_radius, points, count)
-        for j in range(count, foreseen):
+        # beams that pass beside the end of a thin wall take it off the map, where they look through its cell
+        for j in range(0 if p.recall > RECALL else count, foreseen):
             hit_x = x + cosine * points[j, 0] - sine * points[j, 1]
             hit_y = y + sine * points[j, 0] + cosine * points[j, 1]
             enter_point(m, table, hit_x, hit_y)

@@ -18,7 +18,7 @@ from wayfield.policies.parts.gain import gain
 from wayfield.policies.parts.shield import Shield, Shielded
 from wayfield.policies.parts.stopping import Scan, find_approached
 from wayfield.policies.parts.tuned import tuned_gains
-from wayfield.policies.scans.scan_planner import ScanPlanner
+from wayfield.policies.scans.scan_planner import RECALL, ScanPlanner
 from wayfield.policies.trained.hybrid import SUITE, TASK, Array, Both, Hybrid, Memory
 from wayfield.policies.trained.ppo import shipped, shipped_agent
 
@@ -165,10 +165,18 @@ def agents_of(robot: Robot) -> Mapping[int, Path]:
     return shipped(TASK, KINDS[len(robot.twist_axes)])
 
 
+@dataclasses.dataclass(frozen=True)
+class _Planner(ScanPlanner):
+    """The planner below an agent: the shield behind them remembers hits for longer than it needs to."""
+
+    def recall(self, robot: Robot) -> float:
+        return RECALL
+
+
 @functools.lru_cache(maxsize=64)
 def _planner(robot: str, speed: float, planned: float) -> ScanPlanner:
     result = tuned_gains("scan_planner", SUITE, robot, planned) if planned else {}
-    return ScanPlanner(**{**result, "max_speed": speed})
+    return _Planner(**{**result, "max_speed": speed})
 
 
 @functools.lru_cache(maxsize=64)
