@@ -98,7 +98,9 @@ def field_scenarios(spec: TaskSpec, name: Any, hull_radius: float) -> tuple[Any,
         most = float(hull or spec.repertoire.largest_hull)
         if hull_radius > most:
             whole = spec.repertoire.split_for(bare if "/" in bare else f"{bare}/train", hull_radius)
-            fits = f"; its hull class is {whole!r}" if "@" in whole else ""
+            family = spec.families.get(bare.partition("/")[0])
+            has_classes = "@" in whole and not (family and family.needs_forces)
+            fits = f"; its hull class is {whole!r}" if has_classes else ""
             raise ValueError(
                 f"hull_radius is {hull_radius:.3g}; {name!r} was searched for ways of hulls of at most {most:g} m{fits}"
             )

@@ -60,6 +60,7 @@ def test_movers_keep_their_speed_and_docks_their_gaps() -> None:
         ("goal_reaching", "all/test", 0.43, "its hull class is 'all/test@0.45'$"),
         ("goal_reaching", "rooms@0.45", 0.46, "its hull class is 'rooms/train@0.50'$"),
         ("goal_reaching", "push_boxes/test@0.45", 0.45, "has no hull class '@0.45': .* at most 0.3 m"),
+        ("goal_reaching", "push_boxes/test", 0.45, "of at most 0.3 m$"),
         ("teams", "all/test@0.45", 0.45, "has no hull class"),
     ],
 )
