@@ -234,7 +234,7 @@ def test_every_kept_file_belongs_to_a_section() -> None:
     known = {f"{sections.RESULTS}/README.md", results_page.CARDS}
     known |= {f"{sections.RESULTS}/{name}" for name in (*flocks.FILES.values(), "flocks.md")}  # by a study of its own
     known |= {f"{sections.RESULTS}/everywhere.{kind}" for kind in ("csv.xz", "md")}
-    known |= {f"{sections.RESULTS}/hulls.{kind}" for kind in ("csv.xz", "json", "md")}
+    known |= {f"{sections.RESULTS}/hulls{end}" for end in (".csv.xz", ".json", ".md", "_gains.json")}
     known |= {f"{sections.RESULTS}/learning.{kind}" for kind in ("csv", "md", "png")}
     known |= {
         f"{sections.RESULTS}/{name}.{kind}" for name in ("filters", "papers", "physics") for kind in ("csv", "md")
