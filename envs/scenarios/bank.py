@@ -57,10 +57,10 @@ def path_scenarios(name: str, scale: float = 1.0, spec: TaskSpec = _PATHS) -> tu
     return _warned_of((path_scenario_from_file(os.fspath(name), scale, spec),))
 
 
-def _warned_of(scenarios: tuple[PathScenario, ...]) -> tuple[PathScenario, ...]:
+def _warned_of(scenarios: tuple[Any, ...]) -> tuple[Any, ...]:
     for each in scenarios:
         if said := each.doubt():
-            warnings.warn(f"{each.name}: the path {said}", FileNote, stacklevel=4)
+            warnings.warn(f"{each.name}: {said}", FileNote, stacklevel=4)
     return scenarios
 
 
@@ -122,7 +122,7 @@ def field_scenarios(spec: TaskSpec, name: Any, hull_radius: float) -> tuple[Any,
         warnings.warn(
             f"{problem}; it is left out, {len(fitting)} of {len(cases)} cases are driven", FileNote, stacklevel=2
         )
-    return tuple(fitting)
+    return _warned_of(tuple(fitting))
 
 
 def _own(spec: TaskSpec, given: Any) -> tuple[Any, ...] | None:

@@ -128,7 +128,7 @@ class ReferenceScenario(PathScenario):
     def doubt(self) -> str:
         """Returns what makes it one that robots may not follow as it is meant; "" where nothing does."""
         if self.times and (speed := self.path.length / self.times[-1]) < SLOW:
-            return f"is driven at {1e3 * speed:.2g} mm/s, in {self.times[-1]:.0f} s; times are in seconds"
+            return f"the path is driven at {1e3 * speed:.2g} mm/s, in {self.times[-1]:.0f} s; times are in seconds"
         return super().doubt()
 
     def knots_of(self, holonomic: bool) -> Array:

@@ -96,7 +96,8 @@ class PathScenario:
 
     def doubt(self) -> str:
         """Returns what makes it one that robots may not follow as it is meant; "" where nothing does."""
-        return doubt(self.path)
+        said = doubt(self.path)
+        return f"the path {said}" if said else ""
 
     @property
     def length(self) -> float:
@@ -165,6 +166,20 @@ class GoalScenario:
             _settle(self, field, number(field, getattr(self, field), above=0.0, most=most))
         if not (isinstance(self.published_length, float) and math.isnan(self.published_length)):
             _settle(self, "published_length", number("published_length", self.published_length, above=0.0))
+
+    def doubt(self) -> str:
+        """Returns what is said in other units than metres and seconds, by its size; "" where nothing is."""
+        patrols = self.obstacles["patrol"][self.moving]
+        speeds = np.hypot(patrols["vx"], patrols["vy"])
+        for what, value, most, unit in (
+            ("the distance from start to goal", math.dist(self.start[:2], self.goal[:2]), 2000.0, "m"),
+            ("the speed of a moving obstacle", float(speeds.max(initial=0.0)), 15.0, "m/s"),
+            ("the radius of an obstacle", float(self.obstacles["radius"].max(initial=0.0)), 10.0, "m"),
+            ("start_offset", self.start_offset, 20.0, "m"),
+        ):
+            if value > most:
+                return f"{what} is {value:.4g} {unit}, usual is at most {most:g}; lengths are in m, times in s"
+        return ""
 
     @property
     def moving(self) -> NDArray[np.bool_]:

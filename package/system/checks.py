@@ -179,7 +179,8 @@ def refuse(field: str, value: Any, wanted: str) -> NoReturn:
 def suggestion(value: Any, known: Iterable[str]) -> str:
     """Returns " Did you mean 'x'?" for the known word nearest to the value, or nothing when none is near.
 
-    Near is what is spelt alike, has the value's words among its own, or is abbreviated by it: learning_rate by lr.
+    Near is what is spelt alike, has the value's words among its own, begins with it, or is abbreviated by it:
+    learning_rate by lr.
     """
     word = str(value)[:100].lower() if value is None or isinstance(value, str) else ""
     names = [each for each in known if word and isinstance(each, str) and each]
@@ -187,6 +188,7 @@ def suggestion(value: Any, known: Iterable[str]) -> str:
     parts = set(re.findall(r"[^\W_]+", word))
     near = [alike[each] for each in difflib.get_close_matches(word, alike, n=1)]
     near += [name for name in names if parts and parts <= set(re.findall(r"[^\W_]+", name.lower()))]
+    near += [name for name in names if len(word) > 2 and name.lower().startswith(word)]
     near += [name for name in names if len(word) > 1 and word == "".join(re.findall(r"(?:\b|_)([^\W_])", name.lower()))]
     return f" Did you mean {near[0]!r}?" if near else ""
 

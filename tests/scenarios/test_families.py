@@ -5,6 +5,7 @@ import math
 import pathlib
 import re
 import shutil
+import warnings
 
 import numpy as np
 import pytest
@@ -33,6 +34,7 @@ from wayfield.envs.scenarios import (
     ways,
 )
 from wayfield.envs.world.movers import motion_at
+from wayfield.system.objects import FileNote
 
 HULL = 0.3  # m, omni3's: the largest robot
 GOALS = FAMILIES["goal_reaching"]
@@ -143,6 +145,7 @@ def test_damaged_splits_are_refused(
     text = file.read_text()
     file.write_text(damage(text))  # type: ignore[operator]
     assert file.read_text() != text
+    splits.members("goal_reaching")  # which families there are is read once
     monkeypatch.setattr(splits, "FOLDER", tmp_path)
     with pytest.raises(ValueError, match=message) as caught:
         goal_scenarios("doors_wide/test", HULL)
@@ -427,6 +430,29 @@ def test_crossing_discs_cross_and_others_come_or_go() -> None:
                 assert way * (line @ velocity) > 0.0
                 if way > 0.0:  # slower than any robot here
                     assert np.hypot(*velocity) < 0.3
+
+
+@pytest.mark.parametrize(
+    ("centimetres", "said"),
+    [
+        ({"goal": [2100, 0, 0]}, "the distance from start to goal is 2100 m, usual is at most 2000; lengths are in m"),
+        ({"obstacles": [{"kind": "circle", "x": 2, "y": 45, "radius": 30}]}, "the radius of an obstacle is 30 m"),
+        ({"start_offset": 50}, "start_offset is 50 m"),
+        ({"obstacles": [{"kind": "circle", "x": 2, "y": 5, "radius": 0.3,
+          "patrol": {"vx": 50, "vy": 0, "leg_time": 4}}]}, "the speed of a moving obstacle is 50 m/s"),
+    ],
+)  # fmt: skip
+def test_a_file_in_other_units_is_doubted_in_a_line(
+    tmp_path: pathlib.Path, centimetres: dict[str, object], said: str
+) -> None:
+    file = tmp_path / "mine.json"
+    file.write_text(json.dumps({"goal": [9, 9, 0], **centimetres}))
+    with pytest.warns(FileNote, match=f"^mine: {re.escape(said)}"):
+        goal_scenarios(str(file), HULL)
+    file.write_text(json.dumps({"goal": [9, 9, 0]}))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        goal_scenarios(str(file), HULL)
 
 
 def test_patrols_from_json(tmp_path: pathlib.Path) -> None:

@@ -282,6 +282,7 @@ def test_arc_length_never_falls() -> None:
         ("max_steps", ["scenario", "max_episode_steps"], "max_episode_steps"),
         ("circle", ["P3DX", "circles"], "circles"),
         ("p3dx", ["omni3", "P3DX"], "P3DX"),
+        ("diff", ["omni", "differential"], "differential"),
     ],
 )
 def test_the_nearest_name_is_the_one_that_was_meant(typed: str, known: list[str], meant: str | None) -> None:
