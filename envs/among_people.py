@@ -5,7 +5,7 @@ from typing import Any
 
 from wayfield.envs.scenarios.splits import members
 from wayfield.envs.scenarios.team_scenario import TeamScenario
-from wayfield.envs.tasks.arguments import argument, arguments_table
+from wayfield.envs.tasks.arguments import argument
 from wayfield.envs.tasks.sheets import sheet_like
 from wayfield.envs.tasks.specs import CROWDS
 from wayfield.envs.team_worlds import TeamArguments, Teams
@@ -49,8 +49,7 @@ class AmongPeople(Teams):
 
 
 def _sheet(team: type[OmniTeam], about: str, *, holonomic: bool) -> str:
-    parts = {"Description": _DESCRIPTION, "Arguments": arguments_table(PeopleArguments, holonomic=holonomic)}
-    return sheet_like(team, about, parts)
+    return sheet_like(team, about, {"Description": _DESCRIPTION}, arguments=PeopleArguments, holonomic=holonomic)
 
 
 class OmniPeople(OmniTeam):

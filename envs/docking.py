@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from wayfield.envs import goal_reaching
 from wayfield.envs.goal_reaching import DiffDriveGoalObstacles, GoalArguments, GoalReaching, OmniGoalObstacles
 from wayfield.envs.scenarios import TASKS
-from wayfield.envs.tasks.arguments import argument, arguments_table
+from wayfield.envs.tasks.arguments import argument
 from wayfield.envs.tasks.sheets import sheet_like
 from wayfield.envs.vector import vector_of
 
@@ -88,8 +88,9 @@ class OmniDocking(OmniGoalObstacles):
             "Rewards": _REWARDS,
             "Starting state": _STARTING_STATE,
             "Episode end": _EPISODE_END,
-            "Arguments": arguments_table(DockingArguments, holonomic=True),
         },
+        arguments=DockingArguments,
+        holonomic=True,
     )
 
     arguments = DockingArguments
@@ -113,8 +114,9 @@ class DiffDriveDocking(OmniDocking):
             "Rewards": _REWARDS,
             "Starting state": _STARTING_STATE,
             "Episode end": _EPISODE_END,
-            "Arguments": arguments_table(DockingArguments, holonomic=False),
         },
+        arguments=DockingArguments,
+        holonomic=False,
     )
 
     robots = DiffDriveGoalObstacles.robots

@@ -18,13 +18,7 @@ from wayfield.envs.tasks.arguments import PlantArguments, ScanArguments, argumen
 from wayfield.envs.tasks.briefing import Goals
 from wayfield.envs.tasks.constraints import Constraint, at_least
 from wayfield.envs.tasks.observation import Field, Layout
-from wayfield.envs.tasks.sheets import (
-    DIFF_DRIVE_ACTIONS,
-    DIFF_DRIVE_ODOMETRY,
-    OMNI_ACTIONS,
-    OMNI_ODOMETRY,
-    sheet_like,
-)
+from wayfield.envs.tasks.sheets import OMNI_ACTIONS, OMNI_ODOMETRY, sheet_like
 from wayfield.envs.tasks.stepping import (
     Outputs,
     Reset,
@@ -645,7 +639,6 @@ class DiffDriveGoalObstacles(OmniGoalObstacles):
                 Obstacles with a patrol move by themselves: in each step first to where they are at its end, then the
                 robot drives.
             """,
-            "Action space": DIFF_DRIVE_ACTIONS,
             "Observation space": """
                 `Box(9 + n,)` float32, n = `num_beams`; `env.unwrapped.task.layout.unpack(observation)` gives the named
                 fields.
@@ -660,9 +653,9 @@ class DiffDriveGoalObstacles(OmniGoalObstacles):
                 | 8 | waypoints_left | before the goal | 0 | inf | |
                 | 9, ... | ranges | right to left over `field_of_view`, a full circle from behind | 0 | max_range | m |
             """,
-            "Arguments": arguments_table(GoalArguments, holonomic=False),
-            "Odometry and wheels": DIFF_DRIVE_ODOMETRY,
         },
+        arguments=GoalArguments,
+        holonomic=False,
     )
 
     robots = robots_with(holonomic=False)

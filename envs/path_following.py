@@ -16,13 +16,7 @@ from wayfield.envs.tasks.arguments import PlantArguments, argument, arguments_ta
 from wayfield.envs.tasks.briefing import Course
 from wayfield.envs.tasks.constraints import Constraint
 from wayfield.envs.tasks.observation import Field, Layout
-from wayfield.envs.tasks.sheets import (
-    DIFF_DRIVE_ACTIONS,
-    DIFF_DRIVE_ODOMETRY,
-    OMNI_ACTIONS,
-    OMNI_ODOMETRY,
-    sheet_like,
-)
+from wayfield.envs.tasks.sheets import DIFF_DRIVE_ACTIONS, DIFF_DRIVE_ODOMETRY, sheet_like
 from wayfield.envs.tasks.specs import TaskSpec
 from wayfield.envs.tasks.stepping import (
     Outputs,
@@ -490,7 +484,6 @@ class OmniPathFollowing(DiffDrivePathFollowing):
                 forward: the nearest point of the path within 1 m of arc length ahead of the last one, so that a path
                 may cross itself.
             """,
-            "Action space": OMNI_ACTIONS,
             "Observation space": """
                 `Box(9 + 2 k,)` float32, k = `num_preview`; `env.unwrapped.task.layout.unpack(observation)` gives the
                 named fields.
@@ -508,9 +501,9 @@ class OmniPathFollowing(DiffDrivePathFollowing):
                 All fields follow from the measured pose: with `pose_source="odometry"` or noise they err together, as
                 on a robot.
             """,
-            "Arguments": arguments_table(PathArguments, holonomic=True),
-            "Odometry and wheels": OMNI_ODOMETRY,
         },
+        arguments=PathArguments,
+        holonomic=True,
     )
 
     robots = robots_with(holonomic=True)

@@ -14,7 +14,7 @@ from wayfield.envs.batch import Batch, Results
 from wayfield.envs.robots import robots_with
 from wayfield.envs.single import SingleEnv
 from wayfield.envs.tasks.arguments import arguments_table
-from wayfield.envs.tasks.sheets import DIFF_DRIVE_ACTIONS, OMNI_ACTIONS, sheet_like
+from wayfield.envs.tasks.sheets import OMNI_ACTIONS, sheet_like
 from wayfield.envs.team_worlds import TeamArguments, Teams
 from wayfield.envs.vector import NativeVectorEnv, Seeds, Step, vector_of
 from wayfield.system.checks import seed as check_seed
@@ -330,10 +330,8 @@ class DiffDriveTeam(OmniTeam):
     __doc__ = sheet_like(
         OmniTeam,
         "A team of differential drives in one world, each with a goal of its own.",
-        {
-            "Action space": f"A row a robot of {DIFF_DRIVE_ACTIONS}",
-            "Arguments": arguments_table(TeamArguments, holonomic=False),
-        },
+        arguments=TeamArguments,
+        holonomic=False,
     )
 
     robots = robots_with(holonomic=False)

@@ -28,13 +28,7 @@ from wayfield.envs.tasks.arguments import argument, arguments_table
 from wayfield.envs.tasks.briefing import Course
 from wayfield.envs.tasks.constraints import Constraint
 from wayfield.envs.tasks.observation import Field, Layout
-from wayfield.envs.tasks.sheets import (
-    DIFF_DRIVE_ACTIONS,
-    DIFF_DRIVE_ODOMETRY,
-    OMNI_ACTIONS,
-    OMNI_ODOMETRY,
-    sheet_like,
-)
+from wayfield.envs.tasks.sheets import DIFF_DRIVE_ACTIONS, DIFF_DRIVE_ODOMETRY, sheet_like
 from wayfield.envs.tasks.specs import TaskSpec
 from wayfield.envs.tasks.stepping import (
     Outputs,
@@ -549,7 +543,6 @@ class OmniTrajectoryTracking(DiffDriveTrajectoryTracking):
                 be followed within a millimetre, see `envs.scenarios.reference_proofs`. One that ends is held there at
                 rest; one round a closed curve comes again.
             """,
-            "Action space": OMNI_ACTIONS,
             "Observation space": """
                 `Box(16 + 6 k,)` float32, k = `num_preview`; `env.unwrapped.task.layout.unpack(observation)` gives the
                 named fields.
@@ -569,9 +562,9 @@ class OmniTrajectoryTracking(DiffDriveTrajectoryTracking):
                 All fields follow from the measured pose: with `pose_source="odometry"` or noise they err together, as
                 on a robot.
             """,
-            "Arguments": arguments_table(TrackingArguments, holonomic=True),
-            "Odometry and wheels": OMNI_ODOMETRY,
         },
+        arguments=TrackingArguments,
+        holonomic=True,
     )
 
     robots = robots_with(holonomic=True)

@@ -5,6 +5,7 @@ import re
 from collections.abc import Mapping
 
 from wayfield.envs.robots import ROBOTS, robots_with
+from wayfield.envs.tasks.arguments import Arguments, arguments_table
 
 # Sections are indented like the docstrings that they are put into.
 BEYOND_BOUNDS = """Values beyond the bounds are allowed: the base scales all wheels by one factor,
@@ -45,20 +46,28 @@ OMNI_ODOMETRY = """"odometry" reads the two passive encoder wheels and the IMU o
     tiers the bounds of the action space hold."""
 
 
-def sheet_like(other: type, summary: str, sections: Mapping[str, str]) -> str:
+def sheet_like(
+    other: type, summary: str, sections: Mapping[str, str] | None = None, *, arguments: type[Arguments], holonomic: bool
+) -> str:
     """Returns a registered class's docstring: the whole sheet of another class but for what is not alike.
 
     Args:
         sections: the text of the sections that are not, by heading; all keep their order.
+        arguments: what its environment takes.
+        holonomic: whether it is of omni bases: actions, arguments and odometry follow from it.
 
     Raises:
         ValueError: if the other sheet has no such section.
     """
     if other.__doc__ is None:  # python -OO
         return summary
-    pieces = re.split(r"^## (.*)\n", inspect.cleandoc(other.__doc__), flags=re.MULTILINE)
+    whole = inspect.cleandoc(other.__doc__)
+    for omni, differential in ((OMNI_ACTIONS, DIFF_DRIVE_ACTIONS), (OMNI_ODOMETRY, DIFF_DRIVE_ODOMETRY)):
+        old, new = (differential, omni) if holonomic else (omni, differential)
+        whole = whole.replace(inspect.cleandoc(old), inspect.cleandoc(new))
+    pieces = re.split(r"^## (.*)\n", whole, flags=re.MULTILINE)
     sheet = dict(zip(pieces[1::2], pieces[2::2], strict=True))
-    for heading, text in sections.items():
+    for heading, text in {"Arguments": arguments_table(arguments, holonomic), **(sections or {})}.items():
         if heading not in sheet:
             raise ValueError(f"the sheet of {other.__name__} has no section {heading!r}, only {', '.join(sheet)}")
         sheet[heading] = inspect.cleandoc(text)
