@@ -178,10 +178,6 @@ class Contest:
     gap: Column | None
     bar: Bar | None  # None: no agents are trained for it
     heat: Heat
-    log_cost: bool  # whether figures show the cost on a logarithmic scale
-    speeds: tuple[float, ...]  # m/s, of the speed-accuracy front; none: there is no front
-    pace: float | None  # m/s, the mean speed that is asked for beside the front; None: none is
-    ranked: tuple[tuple[str, float], ...]  # metrics that sort the leaderboard, each with the sign that puts less first
     counted: str  # what a failure counts as, in the words of the note
     notes: str  # what a reader of the main table must know
     timed_on: str  # the family on which decisions are timed
@@ -189,6 +185,11 @@ class Contest:
     own_columns: tuple[Column, ...]  # of the table of one scenario of the user's own
     own_note: str  # what a reader of that table must know
     films: Mapping[bool, Film]  # of the environment for robots that are holonomic, and that are not
+    log_cost: bool = False  # whether figures show the cost on a logarithmic scale
+    speeds: tuple[float, ...] = ()  # m/s, of the speed-accuracy front; none: there is no front
+    pace: float | None = None  # m/s, the mean speed that is asked for beside the front; None: none is
+    # metrics that sort the leaderboard, each with the sign that puts less first
+    ranked: tuple[tuple[str, float], ...] = (("success", -1.0), (COST, 1.0))
     # what only this task's drives are measured by, besides `wayfield.benchmarks.episodes.metrics`
     metrics: Mapping[episode.Column, Callable[[Trajectory], float]] = dataclasses.field(default_factory=dict)
     # policies whose gains are searched here as those of another, since elsewhere they do something else

@@ -9,7 +9,6 @@ import numpy as np
 
 from wayfield.benchmarks.contests import columns
 from wayfield.benchmarks.contests.contest import (
-    COST,
     DEGREES,
     FAULTS_NOTE,
     Bar,
@@ -73,16 +72,12 @@ DOCKING = Contest(
         Column("SPL", "spl", 3),
         Column("least clearance (m)", "min_clearance", 3),
         columns.LDLJ,
-        Column("effort (rad²/s)", "effort", 0, successes_only=True),
+        columns.EFFORT,
         columns.FAULTS,
     ),
     gap=Column("gap (success, %)", "success", 1, 100.0),
     bar=Bar(f"{100.0 * BAR_SUCCESS:.0f} % successes on the validation scenarios", reached),
     heat=Heat("success", "success (%)", 100.0, 0, "viridis", (0.0, 1.0)),
-    log_cost=False,
-    speeds=(),
-    pace=None,
-    ranked=(("success", -1.0), (COST, 1.0)),
     counted="the whole clock in 'imputed'",
     notes=(
         "Errors are those of the last moment, of all runs. reeds_shepp and apf_corrected are told the map; the others "

@@ -7,7 +7,6 @@ from typing import Any
 
 from wayfield.benchmarks.contests import columns
 from wayfield.benchmarks.contests.contest import (
-    COST,
     DEGREES,
     FAULTS_NOTE,
     Bar,
@@ -68,7 +67,7 @@ GOAL_OBSTACLES = Contest(
         Column("mean (m)", "mean_clearance", 2),
         Column("under 0.1 m (%)", "near_share", 1, 100.0),
         columns.LDLJ,
-        Column("effort (rad²/s)", "effort", 0, successes_only=True),
+        columns.EFFORT,
         columns.FAULTS,
     ),
     gap=Column("gap (success, %)", "success", 1, 100.0),
@@ -78,10 +77,6 @@ GOAL_OBSTACLES = Contest(
         reached,
     ),
     heat=Heat("success", "success (%)", 100.0, 0, "viridis", (0.0, 1.0)),
-    log_cost=False,
-    speeds=(),
-    pace=None,
-    ranked=(("success", -1.0), (COST, 1.0)),
     counted="the whole clock in 'imputed'",
     notes=(
         "Policies that know the map are told what others must find out: they are an upper reference. Simulation only."

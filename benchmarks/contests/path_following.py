@@ -84,7 +84,7 @@ PATH_FOLLOWING = Contest(
         Column("mean speed (m/s)", "mean_speed", 3, successes_only=True),
         Column("time (s)", "time", 1, successes_only=True),
         columns.LDLJ,
-        Column("effort (rad²/s)", "effort", 0, successes_only=True),
+        columns.EFFORT,
         Column("saturated (%)", "saturated_share", 1, 100.0),
         columns.FAULTS,
     ),
@@ -94,7 +94,6 @@ PATH_FOLLOWING = Contest(
     log_cost=True,
     speeds=(0.3, 0.45, 0.6, 0.75, 0.9, 1.05),
     pace=PACE,
-    ranked=(("success", -1.0), (COST, 1.0)),
     compared_by=TRACKING,
     counted="an error of 1 m",
     scenes={

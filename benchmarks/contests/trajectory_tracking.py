@@ -160,9 +160,6 @@ TRAJECTORY_TRACKING = Contest(
     bar=Bar(f"an error (IQM, validation split) under {1e3 * BAR:g} mm", reached),
     heat=Heat(COST, "RMS error after 10 s of the successes (mm)", 1e3, 2, "viridis_r", (1e-4, 0.1)),
     log_cost=True,
-    speeds=(),
-    pace=None,
-    ranked=(("success", -1.0), (COST, 1.0)),
     counted="an error of 1 m",
     notes=(
         "A success never leaves the tube of 1 m and stays within 20 mm (RMS) after 10 s, or in too_fast within three "
