@@ -275,9 +275,7 @@ def exchange(p, robots, crowd, world, skip, w):
             s.x = s.before_x
             s.y = s.before_y
             s.heading = s.before_heading
-            s.vx = 0.0
-            s.vy = 0.0
-            s.yaw_rate = 0.0
+            records.stop(s)
             s.clearance = hull_clearance(p, robots, i, s, s.x, s.y, s.heading)
             note_place(p, s, places_of[now, w, r], places_of[to, w, r], 1)
     bodies.clocks[w, 1] += 1
@@ -389,13 +387,6 @@ def note_meeting(s, outputs, i):
     outputs.numbers[NUMBER.gap, i] = s.gap
     outputs.numbers[NUMBER.touched, i] = s.touched
     outputs.flags[FLAG.caused, i] = s.caused == 1
-
-
-@inlined
-def conclude(p, world, robots, skip, first, last, outputs):
-    """Shortens the ranges of several robots to what their maps hold."""
-    if robots.grids.cells.shape[0] > 0:
-        scan_maps(p, world.lidar, robots, (skip, first, last), outputs.out)
 
 
 # ---- the reset
@@ -546,6 +537,7 @@ def step_rows(phases: int, turn: Turn, step: Step, bank: TeamBank, company: Comp
     bodies = Bodies(company.near_places, company.hulls, company.near, company.counts, company.clocks)
     sorted_in = cells_for(bodies.places.shape[2], step.obstacles)
     crowd = Crowd(bodies, people, sorted_in, scratch_for(bank.fields.shape[1]), np.zeros(5))
+    conclude = goal_reaching.conclude
     return step_worlds(
         begin_step, exchange, judge, conclude, phases, turn, robots, crowd, step.actions, step.skip, world, outputs
     )

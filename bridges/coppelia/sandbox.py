@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from wayfield.envs.robots import Robot, kinematic_plant, records, robots_with
 from wayfield.envs.robots.hulls import hull_clearance
 from wayfield.envs.tasks.observation import Field, Layout
-from wayfield.envs.tasks.stepping import COMMAND, DRIVE, JUDGE, Outputs, Reset, Robots, Step, Turn
+from wayfield.envs.tasks.stepping import COMMAND, DRIVE, JUDGE, Outputs, Reset, Robots, Step, Turn, let_obstacles_move
 from wayfield.envs.tasks.task import Options, Task
 from wayfield.envs.world.geometry import clearance_to, nearest_surface
 from wayfield.envs.world.grids import NO_GRIDS
@@ -100,14 +100,7 @@ def step_rows(phases: int, turn: Turn, step: Step, outputs: Outputs) -> int:
             kinematic_plant.command(p, s, step.actions, i)
             s.rolled_vx, s.rolled_vy, s.rolled_yaw_rate = kinematic_plant.lagging_twist(s, p.lag_mean)
             if p.moving:
-                go_on(step.obstacles, i, s.num_obstacles, (s.steps + 1) * p.dt)
-                s.clearance = hull_clearance(p, robots, i, s, s.x, s.y, s.heading)
-                if phases & DRIVE and s.clearance < 0.0:
-                    # a moving obstacle hits the robot: it stops; in a plant with forces it is pushed
-                    s.contact = 1
-                    s.vx = 0.0
-                    s.vy = 0.0
-                    s.yaw_rate = 0.0
+                let_obstacles_move(phases, p, s, robots, i)
         if phases & DRIVE and not s.contact:
             x = s.x
             y = s.y

@@ -4,6 +4,7 @@ import math
 
 from wayfield.envs.robots.hulls import hull_clearance, swing
 from wayfield.envs.robots.kinematics import integrate_arc, limits
+from wayfield.envs.robots.records import stop
 from wayfield.envs.robots.response import request, respond
 from wayfield.envs.robots.sensing import advance_odometry
 from wayfield.system.compiled import inlined
@@ -130,9 +131,7 @@ def sweep(p, s, robots, i, vx, vy, yaw_rate):
             s.heading = to_heading
             s.clearance = clear
     if s.contact:
-        s.vx = 0.0
-        s.vy = 0.0
-        s.yaw_rate = 0.0
+        stop(s)
 
 
 @inlined
@@ -170,9 +169,7 @@ def shove(p, s, robots, i):
         clear = hull_clearance(p, robots, i, s, s.x, s.y, wrap_angle(s.heading + turn))
         if clear < SKIN and clear < s.clearance:
             s.contact = 1
-            s.vx = 0.0
-            s.vy = 0.0
-            s.yaw_rate = 0.0
+            stop(s)
             return
         s.clearance = clear
     s.heading = wrap_angle(s.heading + turn)

@@ -263,12 +263,18 @@ def part_of(records: NDArray[np.void], fields: Any) -> NDArray[np.void]:
     return np.ndarray(records.shape, part, records, first, records.strides)
 
 
-@compiled
-def halt(s):
-    """Puts a robot at rest at its pose, with its clocks at zero and its odometry right."""
+@inlined
+def stop(s):
+    """Puts a robot at rest; what its wheels were told stays."""
     s.vx = 0.0
     s.vy = 0.0
     s.yaw_rate = 0.0
+
+
+@compiled
+def halt(s):
+    """Puts a robot at rest at its pose, with its clocks at zero and its odometry right."""
+    stop(s)
     s.command_vx = 0.0
     s.command_vy = 0.0
     s.command_yaw_rate = 0.0

@@ -119,20 +119,38 @@ def nothing_more(p, world, robots, skip, first, last, outputs):
 
 
 @inlined
+def begun(phases, turn, actions, skip):
+    """Notes that a step has begun; returns the first robot whose action is not finite, -1 if there is none.
+
+    Where other threads take rows too, the first checks that actions are finite.
+    """
+    thread, shares = turn
+    if shares.shape[0] > 0:
+        if thread == 0:
+            add(shares, BEGUN, 1)
+    elif phases & COMMAND:
+        return first_not_finite(actions, skip)
+    return -1
+
+
+@inlined
+def let_obstacles_move(phases, p, s, robots, i):
+    """Moves the obstacles around robot i, which stops where one hits it; in a plant with forces it is pushed."""
+    go_on(robots.obstacles, i, s.num_obstacles, (s.steps + 1) * p.dt)
+    s.clearance = hull_clearance(p, robots, i, s, s.x, s.y, s.heading)
+    if phases & DRIVE and s.clearance < 0.0:
+        s.contact = 1
+        records.stop(s)
+
+
+@inlined
 def move(phases, p, s, robots, actions, i, row):
     """Runs the phases COMMAND and DRIVE of robot i, whose noise is in `row`; robots: Robots."""
     if phases & COMMAND:
         s.contact = 0
         kinematic_plant.command(p, s, actions, i)
         if p.moving:
-            go_on(robots.obstacles, i, s.num_obstacles, (s.steps + 1) * p.dt)
-            s.clearance = hull_clearance(p, robots, i, s, s.x, s.y, s.heading)
-            if phases & DRIVE and s.clearance < 0.0:
-                # run into where it stands; in a plant with forces it is pushed
-                s.contact = 1
-                s.vx = 0.0
-                s.vy = 0.0
-                s.yaw_rate = 0.0
+            let_obstacles_move(phases, p, s, robots, i)
         if not s.contact:
             kinematic_plant.shove(p, s, robots, i)
     if phases & DRIVE and not s.contact:
@@ -150,19 +168,15 @@ def step_robots(judge, conclude, phases, turn, robots, actions, skip, world, out
             `row`, against its goal, and writes its observation, numbers and flags.
         conclude: its conclude(p, world, robots, skip, first, last, outputs): what is done for several robots at once,
             behind the judging of each.
-        turn: Turn; where other threads take rows too, the first checks that actions are finite.
+        turn: Turn.
         robots: Robots.
         world: what the task's own functions read of its bank.
         outputs: Outputs.
     """
+    bad = begun(phases, turn, actions, skip)
+    if bad >= 0:
+        return bad
     thread, shares = turn
-    if shares.shape[0] > 0:
-        if thread == 0:
-            add(shares, BEGUN, 1)
-    elif phases & COMMAND:
-        bad = first_not_finite(actions, skip)
-        if bad >= 0:
-            return bad
     params, states, _, noise, _ = robots
     p = params[0]
     first, last = next_rows(shares, thread, 0, states.shape[0])
@@ -247,14 +261,10 @@ def step_worlds(begin_step, exchange, judge, conclude, phases, turn, robots, cro
         world: what the task's own functions read of its bank.
         outputs: Outputs.
     """
+    bad = begun(phases, turn, actions, skip)
+    if bad >= 0:
+        return bad
     thread, shares = turn
-    if shares.shape[0] > 0:
-        if thread == 0:
-            add(shares, BEGUN, 1)
-    elif phases & COMMAND:
-        bad = first_not_finite(actions, skip)
-        if bad >= 0:
-            return bad
     params, states, _, noise, _ = robots
     p = params[0]
     n = p.team
