@@ -23,8 +23,6 @@ from wayfield.policies.parts.stopping import (
     braking_speed,
     find_approaching,
     find_hits,
-    keep_near,
-    recalled_near,
     turn_towards,
 )
 from wayfield.policies.paths import lqr, stanley
@@ -324,37 +322,17 @@ def rollouts(params: Any, beams: Any, ranges: Any, seen: Any, memory: Any, looke
     A row begins with the plan's cost above the least and the number of its steps; NaN: it looks at none.
     """
     p = params[0]
-    side = 2 * p.half + 1
-    clearances = np.empty((side, side))
-    ways = np.empty((side, side))
-    slowness = np.empty((side, side))
-    hits = np.empty((beams.shape[0] + SECTORS, 3))
-    plans = np.empty((p.samples + 1, p.steps, 3))
-    costs = np.empty(p.samples)
-    weights = np.empty(p.samples)
     looked[:] = np.nan
     m = memory[0]
-    wheels = seen.twists[0]
     goal_x = seen.goals[0, 0]
     goal_y = seen.goals[0, 1]
-    last_leg = seen.waypoints_left[0] < 0.5
-    if last_leg and math.sqrt(goal_x * goal_x + goal_y * goal_y) <= p.arrival_radius:
+    if seen.waypoints_left[0] < 0.5 and math.sqrt(goal_x * goal_x + goal_y * goal_y) <= p.arrival_radius:
         return
-    goal = goal_x, goal_y, seen.heading_errors[0], last_leg
-    near = recalled_near(p, seen, m, 0)
-    count = mppi.find_hits(p, beams, ranges, 0, near, hits)
-    count = keep_near(p, seen, m, 0, near, 0.0, hits, count)
-    mppi.measure_clearances(p, hits, count, clearances)
-    if p.detour:
-        mppi.measure_ways(p, clearances, goal_x, goal_y, slowness, ways)
-    mppi.move_on(p, m.plan)
     noise = np.empty((p.samples, p.steps, 3))
     mppi.draw(p, m.decisions, noise)
-    mppi.sample(p, noise, m.plan, plans)
-    for k in range(p.samples):
-        costs[k] = mppi.roll_out(p, plans[k], m.command, wheels, goal, clearances, ways)
-    best = mppi.weigh(costs, p.temperature, weights)
-    mppi.average(plans, weights, p.samples)
+    scratch = mppi.scratch_for(p, beams.shape[0])
+    best = mppi.weighed(p, beams, ranges, seen, m, 0, noise, scratch)
+    plans, costs = scratch[4], scratch[5]
     for row in range(looked.shape[0]):
         k = p.samples if row == looked.shape[0] - 1 else row
         if k > p.samples or (k == row and k >= p.samples):
@@ -362,7 +340,7 @@ def rollouts(params: Any, beams: Any, ranges: Any, seen: Any, memory: Any, looke
         steps = min(p.steps, looked.shape[1] - 1)
         looked[row, 0, 0] = 0.0 if k == p.samples else costs[k] - costs[best]
         looked[row, 0, 1] = steps
-        state = mppi.begun(m.command, wheels)
+        state = mppi.begun(m.command, seen.twists[0])
         for t in range(steps):
             state = mppi.moved(p, state, plans[k, t, 0], plans[k, t, 1], plans[k, t, 2])
             looked[row, t + 1, 0] = state[0]

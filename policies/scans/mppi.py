@@ -173,14 +173,8 @@ WALL_SLOWNESS = 60.0  # metres of way that a metre through an obstacle counts fo
 def decide(params, beams, ranges, seen, memory, twists):
     """Fills the (b, 3) twists of `Mppi` and moves its memory on."""
     p = params[0]
-    side = 2 * p.half + 1
-    clearances = np.empty((side, side))
-    ways = np.empty((side, side))
-    slowness = np.empty((side, side))
-    hits = np.empty((beams.shape[0] + SECTORS, 3))
-    plans = np.empty((p.samples + 1, p.steps, 3))
-    costs = np.empty(p.samples)
-    weights = np.empty(p.samples)
+    scratch = scratch_for(p, beams.shape[0])
+    clearances, ways, _, _, plans, costs, _ = scratch
     noise = np.empty((p.samples, p.steps, 3))
     drawn = -1  # the decision whose noise that is
     for i in range(memory.shape[0]):
@@ -197,22 +191,10 @@ def decide(params, beams, ranges, seen, memory, twists):
             twists[i, 2] = min(max(p.turn_gain * turn, -p.max_yaw_rate), p.max_yaw_rate)
             m.plan[:] = 0.0
         else:
-            near = recalled_near(p, seen, m, i)
-            count = find_hits(p, beams, ranges, i, near, hits)
-            # points by themselves: they are joined with nothing
-            count = keep_near(p, seen, m, i, near, 0.0, hits, count)
-            measure_clearances(p, hits, count, clearances)
-            if p.detour:
-                measure_ways(p, clearances, goal_x, goal_y, slowness, ways)
-            move_on(p, m.plan)
             if m.decisions != drawn:  # robots that began together draw the same
                 draw(p, m.decisions, noise)
                 drawn = m.decisions
-            sample(p, noise, m.plan, plans)
-            for k in range(p.samples):
-                costs[k] = roll_out(p, plans[k], m.command, wheels, goal, clearances, ways)
-            best = weigh(costs, p.temperature, weights)
-            average(plans, weights, p.samples)
+            best = weighed(p, beams, ranges, seen, m, i, noise, scratch)
             mean_cost = roll_out(p, plans[p.samples], m.command, wheels, goal, clearances, ways)
             chosen = p.samples if mean_cost <= costs[best] + 0.01 * p.collision_cost else best
             assign(m.plan, plans[chosen])
@@ -220,6 +202,38 @@ def decide(params, beams, ranges, seen, memory, twists):
                 twists[i, c] = plans[chosen, 0, c]
         set_command(p.plant, m.command, twists[i, 0], twists[i, 1], twists[i, 2])
         m.decisions += 1
+
+
+@allocating
+def scratch_for(p, beams):
+    """Returns what a decision fills: the grid's clearances, ways and slowness; hits; plans, their costs and weights."""
+    side = 2 * p.half + 1
+    grid = side, side
+    plans = np.empty((p.samples + 1, p.steps, 3))
+    costs = np.empty(p.samples)
+    hits = np.empty((beams + SECTORS, 3))
+    return np.empty(grid), np.empty(grid), np.empty(grid), hits, plans, costs, np.empty(p.samples)
+
+
+@allocating
+def weighed(p, beams, ranges, seen, m, i, noise, scratch):
+    """Fills the plans of robot i, their costs and, behind the plans, their weighted mean; returns the best of them."""
+    clearances, ways, slowness, hits, plans, costs, weights = scratch
+    near = recalled_near(p, seen, m, i)
+    count = find_hits(p, beams, ranges, i, near, hits)
+    # points by themselves: they are joined with nothing
+    count = keep_near(p, seen, m, i, near, 0.0, hits, count)
+    measure_clearances(p, hits, count, clearances)
+    if p.detour:
+        measure_ways(p, clearances, seen.goals[i, 0], seen.goals[i, 1], slowness, ways)
+    goal = seen.goals[i, 0], seen.goals[i, 1], seen.heading_errors[i], seen.waypoints_left[i] < 0.5
+    move_on(p, m.plan)
+    sample(p, noise, m.plan, plans)
+    for k in range(p.samples):
+        costs[k] = roll_out(p, plans[k], m.command, seen.twists[i], goal, clearances, ways)
+    best = weigh(costs, p.temperature, weights)
+    average(plans, weights, p.samples)
+    return best
 
 
 # What the scan shows.
