@@ -95,6 +95,13 @@ def saturation_factor(plant, vx, vy, yaw_rate):
 
 
 @inlined
+def saturated(plant, vx, vy, yaw_rate):
+    """Returns what the wheels can turn of a twist: `saturation_factor` times it."""
+    factor = saturation_factor(plant, vx, vy, yaw_rate)
+    return factor * vx, factor * vy, factor * yaw_rate
+
+
+@inlined
 def steered(plant, vx, yaw_rate):
     """Returns the yaw rate, cut so that the base turns on no smaller radius than `turning_radius`, m."""
     if plant.turning_radius > 0.0:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching
 from wayfield.envs.robots import Actuators
-from wayfield.envs.robots.kinematics import saturation_factor, to_body_frame
+from wayfield.envs.robots.kinematics import saturated, to_body_frame
 from wayfield.envs.robots.records import MAX_WHEELS, aligned
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies.parts.gain import Gains, gain
@@ -141,9 +141,7 @@ def filter_twists(params, scan, seen, blind, memory, twists):
     radius = plant.hull_radius + p.margin
     for i in range(twists.shape[0]):
         m = memory[i]
-        vx, vy, w = twists[i, 0], twists[i, 1], twists[i, 2]
-        factor = saturation_factor(plant, vx, vy, w)
-        vx, vy, w = factor * vx, factor * vy, factor * w
+        vx, vy, w = saturated(plant, twists[i, 0], twists[i, 1], twists[i, 2])
         m.fastest = max(m.fastest, math.sqrt(vx * vx + vy * vy))
         gamma = p.rate
         if p.bounded and m.fastest > 0.0:

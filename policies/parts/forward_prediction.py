@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from wayfield.envs.path_following import project
 from wayfield.envs.robots import Actuators
-from wayfield.envs.robots.kinematics import integrate_arc, limit_acceleration, saturation_factor, to_body_frame
+from wayfield.envs.robots.kinematics import integrate_arc, limit_acceleration, saturated, to_body_frame
 from wayfield.envs.robots.records import MAX_WHEELS, delay_periods, motor_numbers, num_requests, record
 from wayfield.envs.robots.response import request, respond
 from wayfield.envs.robots.sensing import beam_directions
@@ -300,13 +300,7 @@ def compensate(model, states, twists):
     p = model[0]
     for i in range(twists.shape[0]):
         s = states[i]
-        vx = twists[i, 0]
-        vy = twists[i, 1]
-        yaw_rate = twists[i, 2]
-        factor = saturation_factor(p, vx, vy, yaw_rate)
-        vx *= factor
-        vy *= factor
-        yaw_rate *= factor
+        vx, vy, yaw_rate = saturated(p, twists[i, 0], twists[i, 1], twists[i, 2])
         s.set_vx, s.set_vy, s.set_yaw_rate = limit_acceleration(
             (s.set_vx, s.set_vy, s.set_yaw_rate),
             (vx, vy, yaw_rate),

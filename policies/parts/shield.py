@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching
 from wayfield.envs.robots import sensing
-from wayfield.envs.robots.kinematics import saturation_factor
+from wayfield.envs.robots.kinematics import saturated
 from wayfield.envs.robots.records import aligned
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies.parts.gain import Gains, gain
@@ -120,9 +120,7 @@ def filter_twists(params, scan, seen, blind, memory, twists):
     radius = plant.hull_radius + p.margin
     for i in range(twists.shape[0]):
         m = memory[i]
-        vx, vy, w = twists[i, 0], twists[i, 1], twists[i, 2]
-        factor = saturation_factor(plant, vx, vy, w)
-        vx, vy, w = factor * vx, factor * vy, factor * w
+        vx, vy, w = saturated(plant, twists[i, 0], twists[i, 1], twists[i, 2])
         wheels = seen.twists[i]  # which may be faster than the command, by the lag
         fastest = max(vx * vx + vy * vy, m.command[0] ** 2 + m.command[1] ** 2, wheels[0] ** 2 + wheels[1] ** 2)
         fastest = math.sqrt(fastest)

@@ -27,11 +27,10 @@ from wayfield.policies.parts.polyline_tracker import (
     point_at,
     project,
 )
-from wayfield.policies.parts.scan_map import CELLS, CHART, enter_scan, forget, stamps
+from wayfield.policies.parts.scan_map import CHART, forget, stamps
 from wayfield.policies.parts.stopping import SECTORS, SIGHTS, Scan, Seen, find_hits, free_time, remembering
-from wayfield.policies.scans.scan_planner import place_grid, plan, search, search_prices
+from wayfield.policies.scans.scan_planner import enter, plan, search, search_prices
 from wayfield.system.compiled import allocating, compiled, inlined
-from wayfield.system.elementary import sin_cos
 
 LETHAL = 254.0  # cost of a cell with an obstacle in it
 INSCRIBED = 253.0  # of one in which the centre of a round hull may not be
@@ -163,29 +162,20 @@ def perceive(p, m, maps, scan, seen, i):
 
     The goal is x, y (m) and heading (rad) in the frame of the pose.
     """
-    x = seen.poses[i, 0]
-    y = seen.poses[i, 1]
-    pose = x, y, seen.poses[i, 2]
-    sine, cosine = sin_cos(seen.poses[i, 2])
-    goal_x = x + cosine * seen.goals[i, 0] - sine * seen.goals[i, 1]
-    goal_y = y + sine * seen.goals[i, 0] + cosine * seen.goals[i, 1]
-    goal = goal_x, goal_y, seen.poses[i, 2] + seen.heading_errors[i]
-    place_grid(p, m, x, y, goal_x, goal_y)
-    enter_scan(m, maps.table, scan, i, pose, p.plant.hull_radius)
-    # what is out of the map is headed for through the nearest cell within
-    inside_x = min(max(goal_x, m.origin[0] + 3.0 * p.cell), m.origin[0] + (CELLS - 3.0) * p.cell)
-    inside_y = min(max(goal_y, m.origin[1] + 3.0 * p.cell), m.origin[1] + (CELLS - 3.0) * p.cell)
+    pose, goal, inside = enter(p, m, maps.table, scan, seen, i)
+    x, y, heading = pose
+    inside_x, inside_y = inside
     waited = m.steps - m.planned_at
     moved = m.plans > 0 and abs(m.target[0] - inside_x) + abs(m.target[1] - inside_y) > 0.5 * p.cell
     # a goal that moves with a grid that is out of its reach is no reason to plan in every step
-    jumped = moved and inside_x == goal_x and inside_y == goal_y
+    jumped = moved and inside == goal
     if m.plans == 0 or waited >= p.replan_steps or jumped:
         plan(p, m, maps.prices, maps.table, scan, i, pose, inside_x, inside_y)
     s = 0.0
     if m.num_points > 0:
         s, _, _ = project(m, x, y)
     m.steps += 1
-    return pose, goal, s
+    return pose, (goal[0], goal[1], heading + seen.heading_errors[i]), s
 
 
 @compiled

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs import goal_reaching
-from wayfield.envs.robots.kinematics import integrate_arc, saturation_factor
+from wayfield.envs.robots.kinematics import integrate_arc, saturated
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.policies.parts.detour import DETOUR, seek
 from wayfield.policies.parts.gain import gain
@@ -213,10 +213,7 @@ def fill_disc(p, command, aim, turn, fastest, candidates):
 @inlined
 def put(plant, candidates, c, vx, vy, w):
     """Enters a twist, cut to what the wheels can turn."""
-    factor = saturation_factor(plant, vx, vy, w)
-    candidates[c, 0] = factor * vx
-    candidates[c, 1] = factor * vy
-    candidates[c, 2] = factor * w
+    candidates[c, 0], candidates[c, 1], candidates[c, 2] = saturated(plant, vx, vy, w)
 
 
 # The objective, Fox's G: a weighted sum of what speaks for a twist, if that is admissible.

@@ -183,14 +183,9 @@ def decide(params, prices, table, scan, seen, memory):
     points = np.empty((2 * scan.ranges.shape[1] + SECTORS, 3))
     for i in range(scan.ranges.shape[0]):
         m = memory[i]
-        x = seen.poses[i, 0]
-        y = seen.poses[i, 1]
-        pose = x, y, seen.poses[i, 2]
-        sine, cosine = sin_cos(seen.poses[i, 2])
-        goal_x = x + cosine * seen.goals[i, 0] - sine * seen.goals[i, 1]
-        goal_y = y + sine * seen.goals[i, 0] + cosine * seen.goals[i, 1]
-        place_grid(p, m, x, y, goal_x, goal_y)
-        enter_scan(m, table, scan, i, pose, p.plant.hull_radius)
+        pose, goal, inside = enter(p, m, table, scan, seen, i)
+        x, y, heading = pose
+        sine, cosine = sin_cos(heading)
         count = find_hits(p, scan, seen, m, i, NEAR, p.plant.hull_radius + 0.5 * p.skin, points)
         foreseen = find_approaching(p, scan, seen, m, i, p.plant.hull_radius, points, count)
         # beams that pass beside the end of a thin wall take it off the map, where they look through its cell
@@ -198,12 +193,9 @@ def decide(params, prices, table, scan, seen, memory):
             hit_x = x + cosine * points[j, 0] - sine * points[j, 1]
             hit_y = y + sine * points[j, 0] + cosine * points[j, 1]
             enter_point(m, table, hit_x, hit_y)
-        # what is out of the grid is headed for through the nearest cell within
-        inside_x = min(max(goal_x, m.origin[0] + 3.0 * p.cell), m.origin[0] + (CELLS - 3.0) * p.cell)
-        inside_y = min(max(goal_y, m.origin[1] + 3.0 * p.cell), m.origin[1] + (CELLS - 3.0) * p.cell)
-        due, s = plan_is_due(p, m, x, y, inside_x, inside_y)
+        due, s = plan_is_due(p, m, x, y, inside[0], inside[1])
         if due and m.arrived == 0:
-            plan(p, m, prices, table, scan, i, pose, inside_x, inside_y)
+            plan(p, m, prices, table, scan, i, pose, inside[0], inside[1])
             s = 0.0
         speed_limit = np.inf
         if m.num_points > 0:
@@ -211,12 +203,31 @@ def decide(params, prices, table, scan, seen, memory):
         last = m.command[0], m.command[1], m.command[2]
         stood = m.stuck
         if m.arrived == 1 or not evade(p, m, scan, seen, i, foreseen > count):
-            is_goal = seen.waypoints_left[i] < 0.5 and inside_x == goal_x and inside_y == goal_y
+            is_goal = seen.waypoints_left[i] < 0.5 and inside == goal
             # between its cells the grid can say half a cell less than there is
             track(p, m, pose, seen.heading_errors[i], is_goal, not p.all_round, speed_limit, -0.5 * p.cell)
         if keep_room(p, m, seen.twists[i], last, points[:count]):
             m.stuck = stood + 1
         m.steps += 1
+
+
+@inlined
+def enter(p, m, table, scan, seen, i):
+    """Enters robot i's scan into its grid; returns its pose, its goal, and the point to plan to, m, world frame.
+
+    What is out of the grid is headed for through the nearest cell within.
+    """
+    x = seen.poses[i, 0]
+    y = seen.poses[i, 1]
+    pose = x, y, seen.poses[i, 2]
+    sine, cosine = sin_cos(seen.poses[i, 2])
+    goal_x = x + cosine * seen.goals[i, 0] - sine * seen.goals[i, 1]
+    goal_y = y + sine * seen.goals[i, 0] + cosine * seen.goals[i, 1]
+    place_grid(p, m, x, y, goal_x, goal_y)
+    enter_scan(m, table, scan, i, pose, p.plant.hull_radius)
+    inside_x = min(max(goal_x, m.origin[0] + 3.0 * p.cell), m.origin[0] + (CELLS - 3.0) * p.cell)
+    inside_y = min(max(goal_y, m.origin[1] + 3.0 * p.cell), m.origin[1] + (CELLS - 3.0) * p.cell)
+    return pose, (goal_x, goal_y), (inside_x, inside_y)
 
 
 @inlined
