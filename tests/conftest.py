@@ -5,13 +5,18 @@ import csv
 import gc
 import os
 import signal
+import sys
 
 # A test has one core: threads of torch and of BLAS that wait for each other would take the others' as well. Set before
 # either is loaded, and passed on to what the tests start.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+# What the tests start imports the package a hundred times: it is compiled to bytecode once, wherever they run.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 import pytest
 from hypothesis import settings
+
+sys.dont_write_bytecode = False
 
 # Where the tests run in the background Ctrl-C is ignored, and what they start and interrupt would inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
