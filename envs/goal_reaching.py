@@ -14,11 +14,11 @@ from wayfield.envs.robots import records, robots_with, sensing
 from wayfield.envs.robots.kinematics import to_body_frame
 from wayfield.envs.scenarios import TASKS, GoalScenario, TaskSpec, field_scenarios
 from wayfield.envs.single import SingleEnv
-from wayfield.envs.tasks.arguments import PlantArguments, ScanArguments, argument, arguments_table
+from wayfield.envs.tasks.arguments import PlantArguments, ScanArguments, argument
 from wayfield.envs.tasks.briefing import Goals
 from wayfield.envs.tasks.constraints import Constraint, at_least
 from wayfield.envs.tasks.observation import Field, Layout
-from wayfield.envs.tasks.sheets import OMNI_ACTIONS, OMNI_ODOMETRY, sheet_like
+from wayfield.envs.tasks.sheets import OMNI_ACTIONS, arguments_and_odometry, sheet_like
 from wayfield.envs.tasks.stepping import (
     Outputs,
     Reset,
@@ -605,13 +605,7 @@ class OmniGoalObstacles(SingleEnv):
     `progress` (m), `turn_progress` (rad), `clearance` (m, hull to the nearest surface; inf without obstacles),
     `waypoint` (index of the one driven to), and the flags `success`, `collision`; all of the true pose.
 
-    ## Arguments
-
-    {arguments_table(GoalArguments, holonomic=True)}
-
-    ## Odometry and wheels
-
-    {OMNI_ODOMETRY}
+    {arguments_and_odometry(GoalArguments, holonomic=True)}
 
     ## Version history
 

@@ -12,11 +12,11 @@ from wayfield.envs.robots import records, robots_with, sensing
 from wayfield.envs.robots.kinematics import to_body_frame
 from wayfield.envs.scenarios import TASKS, PathScenario, path_scenarios
 from wayfield.envs.single import SingleEnv
-from wayfield.envs.tasks.arguments import PlantArguments, argument, arguments_table
+from wayfield.envs.tasks.arguments import PlantArguments, argument
 from wayfield.envs.tasks.briefing import Course
 from wayfield.envs.tasks.constraints import Constraint
 from wayfield.envs.tasks.observation import Field, Layout
-from wayfield.envs.tasks.sheets import DIFF_DRIVE_ACTIONS, DIFF_DRIVE_ODOMETRY, sheet_like
+from wayfield.envs.tasks.sheets import DIFF_DRIVE_ACTIONS, arguments_and_odometry, sheet_like
 from wayfield.envs.tasks.specs import TaskSpec
 from wayfield.envs.tasks.stepping import (
     Outputs,
@@ -451,13 +451,7 @@ class DiffDrivePathFollowing(SingleEnv):
     `completion` (share of the path, or laps), and the flags `success`, `left_corridor`, `collision`; all of the true
     pose.
 
-    ## Arguments
-
-    {arguments_table(PathArguments, holonomic=False)}
-
-    ## Odometry and wheels
-
-    {DIFF_DRIVE_ODOMETRY}
+    {arguments_and_odometry(PathArguments, holonomic=False)}
 
     ## Version history
 

@@ -24,11 +24,11 @@ from wayfield.envs.robots.references import (
 from wayfield.envs.scenarios import TASKS, path_scenarios
 from wayfield.envs.scenarios.reference_proofs import proof
 from wayfield.envs.single import SingleEnv
-from wayfield.envs.tasks.arguments import argument, arguments_table
+from wayfield.envs.tasks.arguments import argument
 from wayfield.envs.tasks.briefing import Course
 from wayfield.envs.tasks.constraints import Constraint
 from wayfield.envs.tasks.observation import Field, Layout
-from wayfield.envs.tasks.sheets import DIFF_DRIVE_ACTIONS, DIFF_DRIVE_ODOMETRY, sheet_like
+from wayfield.envs.tasks.sheets import DIFF_DRIVE_ACTIONS, arguments_and_odometry, sheet_like
 from wayfield.envs.tasks.specs import TaskSpec
 from wayfield.envs.tasks.stepping import (
     Outputs,
@@ -508,13 +508,7 @@ class DiffDriveTrajectoryTracking(SingleEnv):
     `time` (s), `position_error` (m), `cross_track_error` (m, off the path, whenever), `heading_error` (rad), `cost`,
     and the flags `success` (as it stands), `left_corridor`, `collision`; all of the true pose.
 
-    ## Arguments
-
-    {arguments_table(TrackingArguments, holonomic=False)}
-
-    ## Odometry and wheels
-
-    {DIFF_DRIVE_ODOMETRY}
+    {arguments_and_odometry(TrackingArguments, holonomic=False)}
 
     ## Version history
 

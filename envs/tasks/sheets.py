@@ -46,6 +46,17 @@ OMNI_ODOMETRY = """"odometry" reads the two passive encoder wheels and the IMU o
     tiers the bounds of the action space hold."""
 
 
+def arguments_and_odometry(arguments: type[Arguments], *, holonomic: bool) -> str:
+    """Returns two sections of a sheet, indented as it is: what an environment takes, and what odometry reads."""
+    return f"""## Arguments
+
+    {arguments_table(arguments, holonomic)}
+
+    ## Odometry and wheels
+
+    {OMNI_ODOMETRY if holonomic else DIFF_DRIVE_ODOMETRY}"""
+
+
 def sheet_like(
     other: type, summary: str, sections: Mapping[str, str] | None = None, *, arguments: type[Arguments], holonomic: bool
 ) -> str:
