@@ -528,15 +528,21 @@ def begin_anew(p, robots, crowd, world, i, draws, j, outputs):
 # ---- all robots
 
 
+@allocating
+def gathered(params, states, obstacles, noise, bank, company):
+    """Returns the world, the robots and the crowd of a call, with room for its thread."""
+    world = World(bank.courses, bank.goals, bank.fields, scanner(params[0], bank.beams, bank.cells))
+    robots = Robots(params, states, obstacles, noise, Grids(bank.courses, bank.cells))
+    people = People(bank.walks, bank.tracks, company.walkers)
+    bodies = Bodies(company.near_places, company.hulls, company.near, company.counts, company.clocks)
+    sorted_in = cells_for(bodies.places.shape[2], obstacles)
+    return world, robots, Crowd(bodies, people, sorted_in, scratch_for(bank.fields.shape[1]), np.zeros(5))
+
+
 @flattened(allocating)
 def step_rows(phases: int, turn: Turn, step: Step, bank: TeamBank, company: Company, outputs: Outputs) -> Any:
     """Runs `stepping.step_worlds`."""
-    world = World(bank.courses, bank.goals, bank.fields, scanner(step.params[0], bank.beams, bank.cells))
-    robots = Robots(step.params, step.states, step.obstacles, step.noise, Grids(bank.courses, bank.cells))
-    people = People(bank.walks, bank.tracks, company.walkers)
-    bodies = Bodies(company.near_places, company.hulls, company.near, company.counts, company.clocks)
-    sorted_in = cells_for(bodies.places.shape[2], step.obstacles)
-    crowd = Crowd(bodies, people, sorted_in, scratch_for(bank.fields.shape[1]), np.zeros(5))
+    world, robots, crowd = gathered(step.params, step.states, step.obstacles, step.noise, bank, company)
     conclude = goal_reaching.conclude
     return step_worlds(
         begin_step, exchange, judge, conclude, phases, turn, robots, crowd, step.actions, step.skip, world, outputs
@@ -547,12 +553,7 @@ def step_rows(phases: int, turn: Turn, step: Step, bank: TeamBank, company: Comp
 def reset_rows(reset: Reset, bank: TeamBank, company: Company, outputs: Outputs) -> None:
     """Begins worlds all of whose robots are in `rows`, ascending; where robots respawn, others in a running world."""
     p = reset.params[0]
-    world = World(bank.courses, bank.goals, bank.fields, scanner(p, bank.beams, bank.cells))
-    robots = Robots(reset.params, reset.states, reset.obstacles, reset.noise, Grids(bank.courses, bank.cells))
-    people = People(bank.walks, bank.tracks, company.walkers)
-    bodies = Bodies(company.near_places, company.hulls, company.near, company.counts, company.clocks)
-    sorted_in = cells_for(bodies.places.shape[2], reset.obstacles)
-    crowd = Crowd(bodies, people, sorted_in, scratch_for(bank.fields.shape[1]), np.zeros(5))
+    world, robots, crowd = gathered(reset.params, reset.states, reset.obstacles, reset.noise, bank, company)
     n = p.team
     j = 0
     while j < reset.rows.shape[0]:

@@ -254,12 +254,8 @@ def step_worlds(begin_step, exchange, judge, conclude, phases, turn, robots, cro
         exchange: its exchange(p, robots, crowd, world, skip, w), once they have.
         judge: its judge(p, s, world, robots, crowd, i, row, outputs).
         conclude: its conclude(p, world, robots, skip, first, last, outputs), as of `step_robots`.
-        turn: Turn.
-        robots: Robots.
         crowd: what the task keeps of its worlds.
         skip: (b,) robots whose episode is over.
-        world: what the task's own functions read of its bank.
-        outputs: Outputs.
     """
     bad = begun(phases, turn, actions, skip)
     if bad >= 0:
