@@ -150,27 +150,22 @@ def ray_to_box(cx, cy, cosine, sine, half_length, half_width, ux, uy):
     if half_width == 0.0 and vy != 0.0:
         distance = -py / vy
         return distance if distance >= 0.0 and abs(px + distance * vx) <= half_length else np.inf
-    enter = 0.0
-    leave = np.inf
-    if vx == 0.0:
-        if abs(px) > half_length:
-            return np.inf
-    else:
-        inverse = 1.0 / vx
-        reach = abs(half_length * inverse)
-        enter = max(enter, -px * inverse - reach)
-        leave = min(leave, -px * inverse + reach)
-    if vy == 0.0:
-        if abs(py) > half_width:
-            return np.inf
-    else:
-        inverse = 1.0 / vy
-        reach = abs(half_width * inverse)
-        enter = max(enter, -py * inverse - reach)
-        leave = min(leave, -py * inverse + reach)
-    if enter > leave:
-        return np.inf
-    return enter
+    enter, leave = clipped(px, vx, half_length, 0.0, np.inf)
+    enter, leave = clipped(py, vy, half_width, enter, leave)
+    return enter if enter <= leave else np.inf
+
+
+@inlined
+def clipped(place, way, half, enter, leave):
+    """Returns the part of a ray, from `enter` to `leave`, between the sides at -half and half; (inf, -inf) for none.
+
+    place, way: of the ray along the axis across the sides.
+    """
+    if way == 0.0:
+        return (enter, leave) if abs(place) <= half else (np.inf, -np.inf)
+    inverse = 1.0 / way
+    reach = abs(half * inverse)
+    return max(enter, -place * inverse - reach), min(leave, -place * inverse + reach)
 
 
 def corners_of(obstacles: NDArray[np.void]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
