@@ -178,22 +178,34 @@ def _attngraph(n: int) -> Callable[[Draw], "Field | None"]:
     return field
 
 
+def _walkers(
+    draw: Draw, n: int, start: Point, room: tuple[Point, Point], law: int, to: Callable[[int, float, float], Point],
+    *, turned: bool = False,
+) -> list[dict[str, Any]] | None:  # fmt: skip
+    """Returns n people who walk to and fro between the room, x and y in m, and `to(k, x, y)`; None: it is too small.
+
+    turned: whether every other begins in the room turned by a right angle.
+    """
+    people: list[dict[str, Any]] = []
+    for k in range(n):
+        place = _place(draw, *room, start, people, turned=turned and k % 2 == 1)
+        if place is None:
+            return None
+        x, y, radius = place
+        goal_x, goal_y = to(k, x, y)
+        person = {"law": law, "x": x, "y": y, "goal_x": goal_x, "goal_y": goal_y, "radius": radius}
+        people.append(person | {"speed": _speed(draw), "then": TURNS_BACK})
+    return people
+
+
 def _lanes(n: int) -> Callable[[Draw], "Field | None"]:
     """Returns two streams in a corridor of 4.8 by 15 m; the robot goes along it."""
 
     def field(draw: Draw) -> "Field | None":
-        start, goal = (0.6, draw.number(1.0, 3.8)), (14.4, draw.number(1.0, 3.8))
-        people: list[dict[str, Any]] = []
-        for k in range(n):
-            place = _place(draw, (0.5, 14.5), (0.5, 4.3), start, people)
-            if place is None:
-                return None
-            x, y, radius = place
-            goal_x = 13.3 if k % 2 == 0 else 1.7
-            person = {"law": MOUSSAID, "x": x, "y": y, "goal_x": goal_x, "goal_y": y, "radius": radius}
-            people.append(person | {"speed": _speed(draw), "then": TURNS_BACK})
+        start, goal, room = (0.6, draw.number(1.0, 3.8)), (14.4, draw.number(1.0, 3.8)), ((0.5, 14.5), (0.5, 4.3))
+        people = _walkers(draw, n, start, room, MOUSSAID, lambda k, x, y: (13.3 if k % 2 == 0 else 1.7, y))
         walls = [wall(0.0, 0.0, 15.0, 0.0), wall(0.0, 4.8, 15.0, 4.8)]
-        return start, goal, people, walls, 72.0
+        return None if people is None else (start, goal, people, walls, 72.0)
 
     return field
 
@@ -203,16 +215,9 @@ def _crossing_flow(n: int) -> Callable[[Draw], "Field | None"]:
 
     def field(draw: Draw) -> "Field | None":
         start, goal = (-4.5, draw.number(-0.5, 0.5)), (4.5, draw.number(-0.5, 0.5))
-        people: list[dict[str, Any]] = []
-        law = MOUSSAID if draw.sign() > 0.0 else ORCA
-        for _ in range(n):
-            place = _place(draw, (-2.5, 2.5), (-6.0, 6.0), start, people)
-            if place is None:
-                return None
-            x, y, radius = place
-            person = {"law": law, "x": x, "y": y, "goal_x": x, "goal_y": math.copysign(6.5, -y), "radius": radius}
-            people.append(person | {"speed": _speed(draw), "then": TURNS_BACK})
-        return start, goal, people, [], 60.0
+        law, room = MOUSSAID if draw.sign() > 0.0 else ORCA, ((-2.5, 2.5), (-6.0, 6.0))
+        people = _walkers(draw, n, start, room, law, lambda k, x, y: (x, math.copysign(6.5, -y)))
+        return None if people is None else (start, goal, people, [], 60.0)
 
     return field
 
@@ -222,18 +227,14 @@ def _crossing_streams(n: int) -> Callable[[Draw], "Field | None"]:
 
     def field(draw: Draw) -> "Field | None":
         start, goal = (-7.0, draw.number(-1.5, 1.5)), (7.0, draw.number(-1.5, 1.5))
-        people: list[dict[str, Any]] = []
-        law = MOUSSAID if draw.sign() > 0.0 else ORCA
-        for k in range(n):
-            place = _place(draw, (-6.0, 6.0), (-2.5, 2.5), start, people, turned=k % 2 == 1)
-            if place is None:
-                return None
-            x, y, radius = place
-            to = 6.5 if draw.sign() > 0.0 else -6.5
-            goal_x, goal_y = (to, y) if k % 2 == 0 else (x, to)
-            person = {"law": law, "x": x, "y": y, "goal_x": goal_x, "goal_y": goal_y, "radius": radius}
-            people.append(person | {"speed": _speed(draw), "then": TURNS_BACK})
-        return start, goal, people, [], 95.0
+        law, room = MOUSSAID if draw.sign() > 0.0 else ORCA, ((-6.0, 6.0), (-2.5, 2.5))
+
+        def to(k: int, x: float, y: float) -> Point:
+            end = 6.5 if draw.sign() > 0.0 else -6.5
+            return (end, y) if k % 2 == 0 else (x, end)
+
+        people = _walkers(draw, n, start, room, law, to, turned=True)
+        return None if people is None else (start, goal, people, [], 95.0)
 
     return field
 
