@@ -15,10 +15,15 @@ _RAISED = {KeyboardInterrupt: signal.SIGINT, SystemExit: signal.SIGTERM}  # what
 
 
 def _command() -> str:
-    """Returns which of our commands this process is: a module of ours after `-m`, or our script; "" for another."""
+    """Returns which of our commands this process is: a module of ours after `-m`, or a script of ours; "" for another.
+
+    A script in a clone says its name as WAYFIELD_COMMAND.
+    """
     words = sys.orig_argv
     if "--multiprocessing-fork" in words:  # a process that a command started, which speaks for it
         return ""
+    if isinstance(name := getattr(sys.modules.get("__main__"), "WAYFIELD_COMMAND", None), str):
+        return name
     if sys.argv[:1] == ["-m"] and "-m" in words[:-1]:  # so it is while the packages above the module are imported
         module = words[words.index("-m") + 1]
         return module.rpartition(".")[2] if module.startswith("wayfield.") else ""
