@@ -889,29 +889,23 @@ def tuning() -> str:
 
 def page(teams: Sequence[Row], people: Sequence[Row], crossed: Sequence[Row], curves: Sequence[Row], prose: str) -> str:
     """Returns the page of the rows."""
-    comparisons: list[Compared] = []
-    blocks = []
-    if teams:
-        compared, shown = team_tables(teams)
-        comparisons += compared
-        blocks.append(shown)
+    parts: list[tuple[list[Compared], str]] = [team_tables(teams)] if teams else []
     if crossed:
-        blocks.append(
+        told = (
             "## Who suffers from whom\n\nEvery other robot, from the second on, is driven by the column's policy; on "
             f"the diagonal all are. Families {', '.join(CROSS_FAMILIES)}; agents of seed 0.\n\n{cross_table(crossed)}"
         )
+        parts.append(([], told))
     if people:
-        compared, shown = people_tables(people)
-        comparisons += compared
-        blocks.append(shown)
+        parts.append(people_tables(people))
     if curves:
-        blocks.append(
-            "## Learning curves\n\nOn validation scenarios, of which ten of a family.\n\n" + curve_table(curves)
-        )
+        told = "## Learning curves\n\nOn validation scenarios, of which ten of a family.\n\n" + curve_table(curves)
+        parts.append(([], told))
+    comparisons = [each for compared, _ in parts for each in compared]
     ps = _ps(comparisons)
     first = [front(teams, people, ps)] if teams and people else []
     listed = "\n".join(f"* {each.sentence(ps)}" for each in comparisons)
-    return "\n\n".join([prose.strip(), *first, listed, *blocks]) + "\n"
+    return "\n\n".join([prose.strip(), *first, listed, *(shown for _, shown in parts)]) + "\n"
 
 
 def page_of(folder: Path) -> tuple[dict[str, list[dict[str, str]]], str]:
