@@ -19,6 +19,7 @@ from typing import Any
 import click
 from page_recipes import Leaf, exports, jobs, tables
 
+import wayfield
 from wayfield.benchmarks import report
 from wayfield.benchmarks.report.page import MODULE, TABLES
 from wayfield.system.command_line import OneLineErrors
@@ -118,7 +119,12 @@ def built(folder: Path) -> tuple[bytes, dict[str, list[str]]]:
             if name not in orders:
                 text, orders[name] = code_of(kernel, names, values, name)
                 (folder / f"{name}.o").write_bytes(object_of(text, name))
-    return linked(folder, list(orders)), orders
+    module = linked(folder, list(orders))
+    numba: Any = importlib.import_module("numba")
+    for place in (wayfield.__file__, numba.__file__, __file__):  # whose files Numba names in errors, by the whole path
+        home = str(Path(place).parent).encode()
+        module = module.replace(home, b"/" * len(home))
+    return module, orders
 
 
 def linked(folder: Path, names: Sequence[str]) -> bytes:
