@@ -215,6 +215,26 @@ def drag(tab: Page, points: list[list[float]]) -> None:
     tab.mouse.up()
 
 
+def test_nobody_is_shown_driving_through_what_was_put_down(browser: Browser, files: dict[str, Path]) -> None:
+    with Watched(browser, files["demo"], viewport={"width": 1280, "height": 900}, reduced_motion="reduce") as watched:
+        tab = watched.page
+        for label in ("vfh_plus", "scan_planner", "mppi"):  # some take long to be driven again
+            tab.get_by_label("who drives").select_option(label)
+            tab.get_by_role("button", name="add this one").click()
+        watched.until(DRIVEN)
+        middle = "(({ x, y }) => [x, y].map((each) => each[Math.floor(x.length / 2)]))(replay.chosen)"
+        # how near the track of a robot that is shown leads to the last thing (m)
+        nearest = """Math.min(...replay.actors.flatMap(({ x, y }) => [...x].map((each, k) =>
+          distanceTo(replay.world.obstacles.at(-1), each, y[k]) - HULLS[replay.robot])))"""
+        tab.get_by_role("button", name="Put things in its way").click()
+        drag(tab, [tab.evaluate(middle)])
+        pending = True
+        while pending:
+            pending = tab.evaluate(f"!{DRIVEN}")
+            assert tab.evaluate(nearest) > -0.05  # who crashes there is into it by a step
+        assert watched.errors == []
+
+
 @pytest.mark.slow
 def test_all_that_the_page_drives_is_driven_again_when_the_scene_changes(
     browser: Browser, files: dict[str, Path]
@@ -406,6 +426,29 @@ def test_arrow_keys_drive_after_a_click_in_the_bar_and_work_a_list_that_tab_led_
         tab.keyboard.press("Tab")
         tab.keyboard.press("ArrowDown")
         assert tab.evaluate("replay.rate") == 2
+        assert watched.errors == []
+
+
+def test_a_hand_drives_on_to_a_second_place_far_beyond_the_first(
+    browser: Browser, files: dict[str, Path], tmp_path: Path
+) -> None:
+    """In a user's own scene, once all others have ended: who comes nearer to the star is never out."""
+    file = tmp_path / "far.json"
+    file.write_text('{"start": [0, 0, 0], "waypoints": [[1, 0]], "goal": [11, 0, 0]}')
+    with Watched(browser, files["demo"], viewport={"width": 1440, "height": 900}, reduced_motion="reduce") as watched:
+        tab = watched.page
+        tab.locator("input[type=file]").set_input_files(file)
+        watched.until("replay.world.name === 'far'")
+        tab.get_by_role("button", name="Race it").click()
+        tab.get_by_label("speed of the replay").select_option("4")
+        tab.keyboard.down("ArrowUp")
+        watched.until("drive.hand.actor.x.at(-1) > 1")
+        tab.keyboard.up("ArrowUp")
+        tab.locator(".actors li", has_text="arrived").nth(2).wait_for()
+        tab.keyboard.down("ArrowUp")
+        tab.locator(".card").wait_for(timeout=60_000)
+        tab.keyboard.up("ArrowUp")
+        assert "Finished in" in tab.locator(".card").inner_text()
         assert watched.errors == []
 
 

@@ -242,8 +242,7 @@ class Drive {
     const other = this.runs.some((run) => run.asked.label === label && !reference);
     const about = [other && conditions.actuators, other && conditions.disturbance !== "none" && conditions.disturbance, reference && "untouched"].filter(Boolean).join(", ");
     const kept = from && { ...from, x: Array.from(from.x).slice(0, step + 3), y: Array.from(from.y).slice(0, step + 3), heading: Array.from(from.heading).slice(0, step + 3), others: (from.others || []).map(({ x, y }) => ({ x: x.slice(0, step + 3), y: y.slice(0, step + 3) })), error: from.error && Array.from(from.error).slice(0, step + 3) };
-    const actor = { x: [], y: [], heading: [], others: [], version: 0, policy: label, label: about ? `${called(label)}, ${about}` : called(label), outcome: "", note: "", robot: conditions.robot,
-      error: replay.world.kind === "path" ? [] : null, ghost: false };
+    const actor = { version: 0, policy: label, label: about ? `${called(label)}, ${about}` : called(label), outcome: "", note: "", robot: conditions.robot, ghost: false };
     const run = { asked: { label, from: kept, step, conditions, gains }, actor, pending: label !== KEYBOARD, reference, tape };
     this.placed(run);
     this.runs.push(run);
@@ -253,10 +252,14 @@ class Drive {
     return run;
   }
 
-  // Where a run begins is shown at once, before its turn comes.
+  // Where a run begins is shown at once, before its turn comes, and nothing of what it drove before.
   placed(run) {
-    const { actor, asked: { from, step, conditions } } = run;
-    if (from) return;
+    const { actor, asked: { from, conditions } } = run;
+    Object.assign(actor, { x: [], y: [], heading: [], others: [], error: this.replay.world.kind === "path" ? [] : null, version: actor.version + 1 });
+    if (from) {
+      this.note(actor, [from.x[0], from.y[0], from.heading[0]], from.error ? from.error[0] : 0, from.others.map(({ x, y }) => [x[0], y[0]]));
+      return;
+    }
     const key = JSON.stringify(conditions);
     if (!this.starts || this.starts.world !== this.replay.world || this.starts.scenes !== this.scenes || this.starts.key !== key) {
       const simulator = new Simulator(this.kernels, this.replay.world, conditions);
@@ -428,7 +431,7 @@ class Drive {
       if (!pilot) throw new Error("the page has no such policy for this robot");
       run.exact = note;
       // what is shown already stays until the new run is there
-      if (run.actor.x.length < 2) Object.assign(run.actor, draft, { outcome: "", version: run.actor.version + 1 });
+      if (run.actor.x.length < 2) Object.assign(run.actor, draft, { outcome: "", stale: false, version: run.actor.version + 1 });
       const target = run.actor.x === draft.x ? run.actor : draft;
       if (byHand) Object.assign(run, { simulator, target, pilot });
       else this.jobs.set(run, { simulator, pilot, target });
@@ -509,7 +512,7 @@ class Drive {
     const { actor } = run;
     if (target !== actor) Object.assign(actor, target, { version: actor.version + 1 });
     actor.outcome = outcome;
-    run.pending = false;
+    run.pending = actor.stale = false;
     run.measures = this.measured(actor);
     actor.note = [run.exact, `${run.measures.time.toFixed(2)} s`, run.measures.error === null || outcome !== "success" ? "" : `typically ${short(1000 * run.measures.error)} mm off`].filter(Boolean).join(", ");
     if (run === this.hand && this.replay.leads) this.replay.whole();
@@ -614,8 +617,8 @@ class Drive {
     this.wake();
   }
 
-  // The scene is another: all that the page drives is driven again, what was recorded is a ghost.
-  changed() {
+  // The scene is another: all that the page drives is driven again; until it is, its old track is pale, or none where all start anew.
+  changed(anew = false) {
     this.abort();
     this.scenes += 1;
     if (this.hand) { // goes on from a tape: what was steered in the old scene
@@ -623,7 +626,11 @@ class Drive {
       this.endHand();
       run.pending = run.tape.length > 0;
     }
-    for (const run of this.runs) if (run.asked.label !== KEYBOARD || run.tape.length) { run.pending = true; run.actor.outcome = ""; }
+    for (const run of this.runs) if (run.asked.label !== KEYBOARD || run.tape.length) {
+      run.pending = run.actor.stale = true;
+      run.actor.outcome = run.actor.note = "";
+      if (anew) this.placed(run);
+    }
     this.catchUp();
     this.replay.refresh(true);
   }

@@ -198,7 +198,6 @@ class Editor {
     this.say("");
     if (this.about) replay.told_of.textContent = this.about;
     this.tell(HINTS[this.tool]);
-    drive.changed();
     this.restarted();
     replay.listActors();
     drive.race.tellScene();
@@ -222,7 +221,6 @@ class Editor {
       if (world.patrols.length) world.patrols.splice(handle.index, 1);
     });
     this.handle = null;
-    this.drive.changed();
     this.restarted();
   }
 
@@ -367,7 +365,6 @@ class Editor {
       });
     }
     if (tool === "move" && !to) { this.replay.toggle(played); return; } // it was chosen, and stays where it is
-    this.drive.changed();
     this.restarted();
     if (tool === "move") {
       this.say(this.covered());
@@ -378,6 +375,7 @@ class Editor {
 
   // All start again, as is told.
   restarted() {
+    this.drive.changed(true);
     this.replay.seek(0);
     this.replay.toggle(true);
   }

@@ -211,7 +211,7 @@ const LANES = [1, -1, 2, -2, 3, -3].map((each) => 2.2 * each); // px to the left
 function drawActor(context, actor, k, hull, pixel, chosen, lane = 0) {
   const last = Math.min(k, actor.x.length - 1);
   const colour = ink(colourName(actor.policy));
-  const alpha = actor.ghost || (k > last && !actor.outcome) ? 0.35 : 1; // what is not yet driven so far is a ghost too
+  const alpha = actor.ghost || actor.stale || (k > last && !actor.outcome) ? 0.35 : 1; // what is not yet driven so far is a ghost too
   context.strokeStyle = colour;
   context.globalAlpha = alpha;
   context.lineWidth = (chosen ? 3 : 2) * pixel;
