@@ -45,8 +45,8 @@ OPENING = {
     **{"runs": [{"policy": each} for each in _SIDES], "step": 0, "beside": _SIDES[1]},
 }
 SENTENCE = (
-    "One robot among 24 people. A trained network (above) gets to the star; a controller with standard settings "
-    "(below) crashes. Your first race is in an open field."
+    "One example among 24 people: a trained network (above) gets to the star, an untuned controller (below) crashes. "
+    "Over many scenes, tuned controllers do as well as the network. Your first race is in an open field."
 )
 # races by hand, the same for everybody: what each is called, its scene and its robot
 CHALLENGES = [
