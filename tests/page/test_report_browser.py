@@ -388,6 +388,8 @@ def test_a_race_has_a_result_and_its_link_carries_the_run(browser: Browser, file
         same_in_python(tab, "you, by keyboard or pad")
         other = watched.context.new_page()
         other.goto(taken(tab, "Copy a link to race this run"))
+        tab.locator(".card .note", has_text="Link copied").wait_for()
+        assert inside(box_of(tab, ".card .note"), (0, 0, 390, 844))
         other.evaluate("ready")
         for _ in range(300):  # the ghost's run is driven anew
             if other.evaluate(DRIVEN):
@@ -398,6 +400,7 @@ def test_a_race_has_a_result_and_its_link_carries_the_run(browser: Browser, file
         assert ghost == mine
         other.get_by_role("button", name="Race the ghost").click()
         assert other.evaluate("drive.runs.length") == 5  # three rivals, the ghost, and another hand
+        assert "Gold for the first of 4" in other.locator(".sentence").inner_text()  # a ghost takes no medal
         tab.keyboard.up("ArrowUp")
         tab.keyboard.press("r")
         assert "clock waits for your first press" in tab.locator(".sentence").inner_text()
@@ -449,6 +452,10 @@ def test_a_hand_drives_on_to_a_second_place_far_beyond_the_first(
         tab.locator(".card").wait_for(timeout=60_000)
         tab.keyboard.up("ArrowUp")
         assert "Finished in" in tab.locator(".card").inner_text()
+        tab.keyboard.press("r")
+        tab.get_by_label("speed of the replay").select_option("8")
+        tab.keyboard.press("ArrowUp")  # and who stands still has not driven off
+        tab.locator(".card", has_text="Stopped after").wait_for(timeout=60_000)
         assert watched.errors == []
 
 

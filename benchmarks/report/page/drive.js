@@ -430,6 +430,7 @@ class Drive {
       const pilot = [KEYBOARD, GHOST].includes(label) ? new Tape(run, simulator) : pilotFor(simulator, label, gains);
       if (!pilot) throw new Error("the page has no such policy for this robot");
       run.exact = note;
+      run.field = boundsOf(replay.world, []).shown;
       // what is shown already stays until the new run is there
       if (run.actor.x.length < 2) Object.assign(run.actor, draft, { outcome: "", stale: false, version: run.actor.version + 1 });
       const target = run.actor.x === draft.x ? run.actor : draft;
@@ -487,20 +488,23 @@ class Drive {
     this.note(target, simulator.pose, this.errorOf(simulator), simulator.others);
     const over = run === this.hand ? this.astray(run) : target.x.length - 1 === run.asked.step + run.tape.length; // a tape's end
     if (!flags.ended && !over && target.x.length <= (this.replay.world.steps || 2400)) return false;
-    this.finish(run, target, flags.success ? "success" : flags.collision ? "collision" : flags.left_corridor ? "left_corridor" : over ? "left" : "timeout");
+    this.finish(run, target, flags.success ? "success" : flags.collision ? "collision" : flags.left_corridor ? "left_corridor" : over ? (this.outside(run, simulator) ? "left" : "stopped") : "timeout");
     return true;
   }
 
-  // Whether the hand has driven off: for some seconds it has come no nearer, out of the scene, or in it while nobody else drives.
+  outside({ field: [left, bottom, right, top] }, { pose: [x, y] }) {
+    return x < left || y < bottom || x > right || y > top;
+  }
+
+  // Whether a run by hand is over: for some seconds it has come no nearer, out of the scene, or in it while nobody else drives.
   astray(run) {
     const { simulator: { world, state, alive, pose: [x, y] } } = run;
+    const out = this.outside(run, run.simulator);
     const { waypoints = [], goal } = world;
     const aim = waypoints.length ? Number(state.get("waypoint")) : 0;
     if (aim !== run.aim) [run.aim, run.left, run.least] = [aim, Infinity, Infinity]; // the next place may lie farther away
     const [gx, gy] = waypoints[aim] || goal || [];
     const left = goal ? Math.hypot(gx - x, gy - y) : -state.get("arc_length");
-    run.field = run.field || boundsOf(world, []).shown;
-    const out = x < run.field[0] || y < run.field[1] || x > run.field[2] || y > run.field[3];
     run.away = (out || this.race.late) && alive[0] && !(left < (out ? run.left : run.least)) ? (run.away || 0) + 1 : 0;
     run.grows = left - run.left > 0.02 * DT; // m: faster than it shakes
     [run.left, run.least] = [left, Math.min(left, run.least)];

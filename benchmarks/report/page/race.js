@@ -3,7 +3,7 @@
 const RIVALS = ["astar_tracker", "vfh_plus", "reeds_shepp", "orca_team", "polar", "dwa", "lqr", "pure_pursuit"];
 const BEST = "wayfield best times"; // in the browser's storage
 const MEDALS = ["gold", "silver", "bronze"];
-const ENDED = { success: "Finished in", collision: "Crashed after", left_corridor: "Off the path after", timeout: "Out of time:", left: "Drove off after" };
+const ENDED = { success: "Finished in", collision: "Crashed after", left_corridor: "Off the path after", timeout: "Out of time:", left: "Drove off after", stopped: "Stopped after" };
 const ABOUT = "Beat controllers and a trained network by hand, or watch them drive.";
 const ASKED = { path: "Follow the path to the star", dock: "Park on the star, facing the way its line points" };
 const LONG_LINE = 120; // characters that two lines hold
@@ -111,9 +111,9 @@ class Race {
     if (run.tape.length && this.late) return "The others have ended. Drive on, or press “Race it” to start again.";
     const omni = run.simulator.body.axes.length > 2;
     const turn = coarse() ? `hold “ahead”${omni ? ", “go left” or “go right”" : ", turn by “left” and “right”"}` : `hold ↑, turn by ← and →${omni ? "; A and D go sideways" : ""}`;
-    const [count, found] = [replay.actors.length, this.best[this.now < 0 ? "" : this.key(this.now)]];
+    const [count, found] = [replay.actors.filter(({ ghost, policy }) => !ghost && policy !== GHOST).length, this.best[this.now < 0 ? "" : this.key(this.now)]];
     const prize = `${count > 1 ? `Gold for the first of ${count}. ` : ""}${found ? `Your best: ${found.time.toFixed(2)} s. ` : ""}`;
-    return `${ASKED[replay.world.path ? "path" : replay.world.kind] || "Drive to the star"}: ${turn}. ${run.tape.length ? count > 1 ? `You pass through the other racers${replay.world.bodies ? "; each has its own crowd" : ""}.` : "" : `${prize}The clock waits for your first press.`}`;
+    return `${ASKED[replay.world.path ? "path" : replay.world.kind] || "Drive to the star"}: ${turn}. ${run.tape.length ? count > 1 ? `You pass through the other racers${replay.world.bodies ? `; each has its own ${companyOf(replay.world)}` : ""}.` : "" : `${prize}The clock waits for your first press.`}`;
   }
 
   // Whether nobody else is on the way.
@@ -309,7 +309,10 @@ class Race {
       best ? el("p", { class: "needed" }, best) : null,
       rivals.length ? el("ol", { class: "order" }, rows, shown.length < order.length ? el("li", {}, el("span", {}, `and ${order.length - shown.length} others`), el("span")) : null) : null, friend ? el("p", { class: "needed" }, this.beside(run.actor, friend)) : null, better.length ? el("p", { class: "needed" }, `Needed for ${better.join(", ")}.`) : null,
       el("div", { class: "files" }, button(coarse() ? "Try again" : "Try again (R)", () => this.again(), { class: forward ? null : "go" }), next ? button(this.nth < 0 ? `Challenge 1: ${this.challenges[0].name}` : "Next challenge", () => this.open(this.nth + 1), { class: forward }) : null,
-        button("Copy a link to race this run", async () => this.tell(await drive.share.link()))), button("×", () => this.close(), { class: "shut", "aria-label": "close" }), told ? el("p", { class: "note" }, told) : null);
+        button("Copy a link to race this run", async () => {
+          this.tell(await drive.share.link());
+          this.card.lastElementChild.scrollIntoView({ block: "nearest" }); // on a phone it lies below
+        })), button("×", () => this.close(), { class: "shut", "aria-label": "close" }), told ? el("p", { class: "note" }, told) : null);
   }
 
   // One's best time of the challenge, beside this one.

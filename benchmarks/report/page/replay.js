@@ -12,7 +12,8 @@ function rmsOf(actor, step) {
   return length ? Math.sqrt(sum / length) : 0;
 }
 
-const OUTCOMES = { success: "arrived", collision: "crashed", left_corridor: "left the path", timeout: "ran out of time", left: "drove off" };
+const OUTCOMES = { success: "arrived", collision: "crashed", left_corridor: "left the path", timeout: "ran out of time", left: "drove off", stopped: "stopped" };
+const companyOf = ({ kind }) => (kind === "team" ? "team" : "crowd"); // the other bodies, in a word
 const PLAYBACK = 2; // times as fast as the robots
 
 class Replay {
@@ -301,7 +302,7 @@ class Replay {
 
   listActors() {
     const order = this.ranked(this.actors);
-    this.order.textContent = order.length < 2 ? "" : this.byError ? "The smallest error comes first." : `The fastest comes first.${this.world.bodies && !this.other ? " Each robot has its own crowd; the chosen robot's is drawn." : ""}`;
+    this.order.textContent = order.length < 2 ? "" : this.byError ? "The smallest error comes first." : `The fastest comes first.${this.world.bodies && !this.other ? ` Each robot has its own ${companyOf(this.world)}; the chosen robot's is drawn.` : ""}`;
     this.offerPanes();
     const held = this.list.contains(document.activeElement) ? document.activeElement.getAttribute("aria-label") : null;
     this.list.replaceChildren(...order.map((actor) => {
