@@ -18,7 +18,7 @@ function fitted(world, hull) {
     patrols: made.patrols.map(([x, y, vx, vy, time, phase]) => [factor * x, factor * y, vx, vy, factor * time, factor * phase]) };
 }
 
-const ABOUT_BODIES = { team: "One driver for all robots, each with a star of its own.", people: "The grey discs are people: they walk, and react to the robot." };
+const ABOUT_BODIES = { team: "One driver for all robots, each with a star of its own; a robot that arrives is taken out.", people: "The grey discs are people: they walk, and react to the robot." };
 const SCENES = { goal: "drive to a star", people: "among people", team: "a team of robots", path: "along a path", dock: "docking" };
 
 class Draws {

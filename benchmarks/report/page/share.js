@@ -85,7 +85,7 @@ class Share {
     } catch (error) {
       throw error instanceof SyntaxError || error instanceof URIError ? new Error("it is cut off or was changed") : error;
     }
-    if (typeof state !== "object" || state === null || state.v !== LINK) throw new Error(`its version is ${quoted(state && state.v)}; this page reads ${LINK}`);
+    if (typeof state !== "object" || state === null || state.v !== LINK) throw new Error(`its version is ${quoted(state && state.v)}, and this page reads ${LINK}: open it in the page that made it`);
     onlyFields(state, STATE);
     const known = (field, options, of = state) => {
       if (!options.includes(of[field])) throw new Error(`${field} is ${quoted(of[field])}; it must be one of ${options.join(", ")}`);
