@@ -45,8 +45,8 @@ OPENING = {
     **{"runs": [{"policy": each} for each in _SIDES], "step": 0, "beside": _SIDES[1]},
 }
 SENTENCE = (
-    "One example among 24 people: a trained network (above) gets to the star, an untuned controller (below) crashes. "
-    "Over many scenes, tuned controllers do as well as the network. Your first race is in an open field."
+    "One example: a trained network (above) passes 24 people, an untuned controller (below) crashes. "
+    "On average, tuned controllers do as well. Your first race: an open field."
 )
 # races by hand, the same for everybody: what each is called, its scene and its robot
 CHALLENGES = [
