@@ -46,21 +46,21 @@ OPENING = {
 }
 SENTENCE = (
     "One example: a trained network (above) passes 24 people, an untuned controller (below) crashes. "
-    "On average, tuned controllers do as well. Your first race: an open field."
+    "In 180 scenes with people, the network arrives in 88 %, a tuned controller in 84 %: a tie."
 )
 # races by hand, the same for everybody: what each is called, its scene and its robot
 CHALLENGES = [
     {"name": name, "family": family, "seed": seed, "robot": robot}
     for name, family, seed, robot in (
         ("open field", "goal: open_fields", 4, "p3dx"),
-        ("wide doors", "goal: doors_wide", 4, "p3dx"),
+        ("wide door", "goal: doors_wide", 4, "p3dx"),
         ("few obstacles", "goal: clutter_5", 1, "p3dx"),
         ("oncoming traffic", "goal: moving_head_on", 0, "p3dx"),
         ("corridors", "goal: corridors", 1, "p3dx"),
         ("dead end", "goal: u_traps_15", 0, "p3dx"),
         ("people in a corridor", "people: lanes_12", 0, "omni3"),
         ("moving crowd", "goal: moving_crowd", 0, "p3dx"),
-        ("narrow doors", "goal: doors_narrow", 1, "p3dx"),
+        ("narrow door", "goal: doors_narrow", 1, "p3dx"),
         ("parking", "dock: open", 0, "p3dx"),
         ("24 people, both ways", "people: lanes_24", 0, "omni3"),  # where the page opens
     )
@@ -89,9 +89,9 @@ SCENES = {
     "goal: clutter_5": "few obstacles",
     "goal: clutter_10": "more obstacles",
     "goal: clutter_15": "many obstacles",
-    "goal: doors_narrow": "narrow doors",
-    "goal: doors_medium": "doors",
-    "goal: doors_wide": "wide doors",
+    "goal: doors_narrow": "narrow door",
+    "goal: doors_medium": "a door",
+    "goal: doors_wide": "wide door",
     "goal: u_traps_05": "shallow dead end",
     "goal: u_traps_15": "dead end",
     "goal: u_traps_30": "deep dead end",
@@ -262,9 +262,14 @@ def page() -> str:
         "in this page, by the compiled code of the Python package wayfield (pip install wayfield): the same run, to "
         "the last bit. Your best times stay in this browser; nothing is sent anywhere."
     )
+    content.sentences.append(
+        "Controllers compute each command by a rule or a plan that somebody wrote; the list of robots says what each "
+        "does. The networks learned to drive by trial and error (reinforcement learning, PPO), in "
+        "millions of simulated steps. They were trained in other scenes than those here."
+    )
     how = [["version", version("wayfield")], ["commit", (commit() or "not known").replace("-dirty", ", and changes")]]
     how += [["licence", "MIT"], ["made", datetime.date.today().isoformat()]]
-    how += [["address", f"{site()}/demo.html"]] if site() else []
+    how += [["address", f"{site()}/demo.html"], ["documentation", f"{site()}/"]] if site() else []
     text = rendered(TITLE, content, how, BUDGET, {"demo": setup()}, AGENTS_THERE, preview(site()))
     if len(text.encode()) > BUDGET:
         raise ValueError(f"the page has {len(text.encode()):,} bytes; at most {BUDGET:,} may be")

@@ -189,6 +189,18 @@ def test_damaged_worlds_are_refused(tmp_path: Path, text: str) -> None:
         read_worlds(tmp_path)
 
 
+def test_the_opening_tells_what_the_results_found() -> None:
+    results = (Path(__file__).parents[2] / "docs/results/flocks.md").read_text(encoding="utf-8")
+    row = next(each for each in results.splitlines() if each.startswith("| among people who avoid the robot"))
+    _, _, agent, solved, _, rival, best, _, scenes, _, outcome, *_ = (each.strip() for each in row.split("|"))
+    assert agent == f"`{demo.OPENING['policy'].removesuffix(' (trained)')}`"
+    assert rival.endswith(" tuned`")
+    assert f"In {scenes} scenes with people" in demo.SENTENCE
+    assert (
+        f"in {float(solved.split()[0]):.0f} %, a tuned controller in {float(best):.0f} %: a {outcome}." in demo.SENTENCE
+    )
+
+
 def test_the_demo_is_one_file_within_its_budget_that_asks_for_nothing(tmp_path: Path) -> None:
     made = CliRunner().invoke(demo.main, ["--out", str(tmp_path / "demo.html")], catch_exceptions=False)
     assert made.exit_code == 0

@@ -398,7 +398,12 @@ def test_a_race_has_a_result_and_its_link_carries_the_run(browser: Browser, file
         driven = POSES.replace("drive.runs", "drive.runs.filter((run) => run.tape.length)")
         (_, mine), (_, ghost) = (each.evaluate(driven)[0] for each in (tab, other))
         assert ghost == mine
-        other.get_by_role("button", name="Race the ghost").click()
+        other.evaluate("replay.pace(8)")
+        other.get_by_role("button", name="watch first").click()
+        assert other.locator(".card").is_hidden()
+        other.get_by_role("button", name="Race the ghost").click(
+            timeout=60_000
+        )  # it comes back once the film has ended
         assert other.evaluate("drive.runs.length") == 5  # three rivals, the ghost, and another hand
         assert "Gold for the first of 4" in other.locator(".sentence").inner_text()  # a ghost takes no medal
         tab.keyboard.up("ArrowUp")
@@ -456,6 +461,52 @@ def test_a_hand_drives_on_to_a_second_place_far_beyond_the_first(
         tab.get_by_label("speed of the replay").select_option("8")
         tab.keyboard.press("ArrowUp")  # and who stands still has not driven off
         tab.locator(".card", has_text="Stopped after").wait_for(timeout=60_000)
+        assert watched.errors == []
+
+
+def test_the_grey_beside_a_drawn_line_is_in_the_scene(browser: Browser, files: dict[str, Path]) -> None:
+    """With a thing in its way: who leaves it is told to turn back, not to drive on, and how the run ended."""
+    with Watched(browser, files["demo"], viewport={"width": 1440, "height": 900}, reduced_motion="reduce") as watched:
+        tab = watched.page
+        tab.get_by_role("button", name="Draw a path").click()
+        cx, cy = tab.evaluate("replay.view.centre")
+        drag(tab, [[cx + x, cy + y] for x, y in ((-1.5, 0), (-1, 0), (-0.5, 0), (0, 0), (0, 0.5), (0, 1), (0, 1.5))])
+        watched.until("replay.world.kind === 'path'")
+        tab.get_by_role("button", name="Put things in its way").click()
+        drag(tab, [[cx, cy + 1], [cx + 0.1, cy + 1]])
+        watched.until(f"replay.world.obstacles.length === 1 && {DRIVEN}")
+        by_hand(tab)
+        tab.get_by_label("speed of the replay").select_option("2")
+        tab.keyboard.down("ArrowUp")  # straight on, where the line turns
+        watched.until(f"drive.hand.actor.x.at(-1) > {cx + 0.3}")
+        tab.evaluate("replay.pace(0.25)")
+        watched.until(f"drive.hand.actor.x.at(-1) > {cx + 0.74}")
+        tab.keyboard.up("ArrowUp")
+        tab.evaluate("replay.pace(4)")
+        watched.until(f"drive.hand.actor.x.length > drive.hand.actor.x.findIndex((x) => x > {cx + 0.74}) + 4 / DT")
+        tab.evaluate("replay.pace(1)")
+        assert tab.evaluate("drive.hand.field[2] < drive.hand.actor.x.at(-1) && !drive.hand.actor.outcome")
+        tab.keyboard.down("ArrowUp")
+        watched.until(f"drive.hand.actor.x.at(-1) > {cx + 1.1}")
+        tab.keyboard.up("ArrowUp")
+        tab.locator(".sentence", has_text="out of the scene: turn back").wait_for()
+        tab.locator(".card", has_text="out of the scene").wait_for(timeout=60_000)
+        assert "Drove off after" in tab.locator(".card").inner_text()
+        assert watched.errors == []
+
+
+def test_who_passes_the_ring_is_told_by_how_much(browser: Browser, files: dict[str, Path], tmp_path: Path) -> None:
+    file = tmp_path / "beside.json"
+    file.write_text('{"start": [0, 0, 0], "goal": [1.5, 0.3, 0], "position_tolerance": 0.2}')
+    with Watched(browser, files["demo"], viewport={"width": 1440, "height": 900}, reduced_motion="reduce") as watched:
+        tab = watched.page
+        tab.locator("input[type=file]").set_input_files(file)
+        watched.until("replay.world.name === 'beside'")
+        tab.get_by_role("button", name="Race it").click()
+        tab.get_by_label("speed of the replay").select_option("8")
+        tab.keyboard.down("ArrowUp")
+        tab.locator(".card", has_text="You passed 10 cm from the ring").wait_for(timeout=60_000)
+        tab.keyboard.up("ArrowUp")
         assert watched.errors == []
 
 
@@ -748,9 +799,31 @@ def test_a_link_to_the_demo_shows_what_it_is(monkeypatch: pytest.MonkeyPatch, br
     (tmp_path / "demo.html").write_text(text, encoding="utf-8")
     with Watched(browser, tmp_path / "demo.html", reduced_motion="reduce") as watched:
         assert taken(watched.page, "copy link").startswith(f"{address}.html#")
-        watched.page.get_by_role("button", name="Race it").click()  # not among the 24 people of the opening
+        race = watched.page.get_by_role("button", name="Race it")
+        race.click()  # not among the 24 people of the opening
         assert "open field" in watched.page.locator(".numbers option:checked").inner_text()
+        watched.page.evaluate("drive.race.nth = 0; drive.race.keep(9, 'bronze')")
+        watched.page.get_by_role("link", name="wayfield").click()
+        assert race.inner_text() == "Race it: challenge 2"
+        race.click()
+        assert "2. wide door" in watched.page.locator(".numbers option:checked").inner_text()
         assert [each for each in watched.requests if each.startswith("http")] == []
+
+
+def test_a_scene_that_a_link_holds_plays_and_keeps_what_was_put_there(browser: Browser, files: dict[str, Path]) -> None:
+    with Watched(browser, files["demo"], viewport={"width": 1440, "height": 900}) as watched:
+        tab = watched.page
+        tab.get_by_role("button", name="Put things in its way").click()
+        x, y, _ = tab.evaluate("replay.world.goal")
+        drag(tab, [[x + 0.8, y + 0.8], [x + 0.9, y + 0.8]])
+        watched.until(f"replay.world.own === 1 && {DRIVEN}")
+        tab.evaluate("replay.toggle(false); replay.seek(replay.last)")
+        url = taken(tab, "copy link")
+        with Watched(browser, files["demo"]) as other:
+            other.page.locator(".files input[type=text]").fill(url)
+            assert "came by a link" in other.page.locator(".sentence").inner_text()
+            other.until("replay.playing && replay.step > 3 && replay.step < replay.last")
+            assert other.page.evaluate("replay.world.own") == 1
 
 
 def test_what_is_shown_is_recorded(browser: Browser, files: dict[str, Path], tmp_path: Path) -> None:
@@ -763,10 +836,13 @@ def test_what_is_shown_is_recorded(browser: Browser, files: dict[str, Path], tmp
         download.value.save_as(tmp_path / "film.webm")
         assert 0 < (tmp_path / "film.webm").stat().st_size < 3e6 / 4.0
         assert "wayfield.webm" in watched.page.locator(".sentence").inner_text()
-        watched.page.evaluate("replay.seek(replay.last - 20)")
-        with watched.page.expect_download():  # at the end of the run by itself
+        watched.page.evaluate("replay.pace(8); replay.seek(replay.last)")
+        with watched.page.expect_download(timeout=60_000) as download:  # from its start to its end, by itself
             watched.page.get_by_role("button", name="record").click()
         assert watched.page.evaluate("replay.step === replay.last")
+        download.value.save_as(tmp_path / "film.webm")
+        made = watched.page.evaluate("bytes => picturesIn(bytes)", [*(tmp_path / "film.webm").read_bytes()])
+        assert made > watched.page.evaluate("replay.last * DT / replay.rate * FILM.rate / 2")
         # before the first press of a race it waits with the clock
         watched.page.get_by_role("button", name="Race it").click()
         watched.page.get_by_role("button", name="record").click()

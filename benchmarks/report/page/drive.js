@@ -93,11 +93,11 @@ class Drive {
     replay.driven = (event, down) => this.key(event, down);
     replay.races = () => this.drives;
     replay.poised = () => this.drives && !this.hand.tape.length && !replay.playing;
-    replay.saved = (text) => {
-      this.result.textContent = text;
-      if (this.race.sentence) this.race.headline(text);
+    replay.saved = (text) => (this.race.sentence && !this.drives ? this.race.headline(text) : (this.result.textContent = text));
+    replay.halts = () => {
+      if (this.drives && this.hand.tape.length) this.hand.halted = true;
+      this.race.back();
     };
-    replay.halts = () => { if (this.drives && this.hand.tape.length) this.hand.halted = true; };
     replay.spoils = () => (this.hand ? !this.hand.actor.outcome : !still());
     replay.ends = () => this.race.tellScene();
     replay.waits = (actor) => this.runs.some((run) => run.actor === actor && run.pending);
@@ -148,7 +148,7 @@ class Drive {
     const able = this.able();
     const shown = this.runs.find((run) => run.actor === replay.chosen); // who is looked at is who is chosen
     const before = shown && able.includes(shown.asked.label) ? shown.asked.label : who.value;
-    who.replaceChildren(...able.map((each) => el("option", { value: each }, called(each) + (/\((?!trained)/.test(each) || !aboutOf(each) ? "" : `: ${aboutOf(each)}`))));
+    who.replaceChildren(...able.map((each) => el("option", { value: each, title: aboutOf(each) }, called(each))));
     who.value = able.includes(before) ? before : this.usual(able);
     const others = replay.told.demo ? (replay.told.demo.unable || {})[replay.world.kind] || [] : [];
     const unable = [...new Set([...replay.actors.filter((actor) => actor.told && !able.includes(actor.policy)).map((actor) => actor.policy), ...others])];
@@ -273,6 +273,7 @@ class Drive {
   // Driven by hand, against some that drive beside it: the clock waits for the first key.
   takeOver(from, step) {
     this.endHand();
+    this.share.told.textContent = "";
     for (const label of from ? [] : this.race.rivals()) if (!this.runs.some((run) => run.asked.label === label)) this.add({ label }, false);
     const run = this.add({ label: KEYBOARD, from, step });
     this.replay.seek(step); // before there is a hand: it is shown with its simulator
@@ -372,6 +373,7 @@ class Drive {
   endHand() {
     this.race.clear();
     this.rest();
+    this.replay.edge = null;
     if (this.replay.leads) this.replay.whole();
     if (!this.hand) return;
     this.replay.pace(PLAYBACK);
@@ -492,14 +494,17 @@ class Drive {
     return true;
   }
 
-  outside({ field: [left, bottom, right, top] }, { pose: [x, y] }) {
-    return x < left || y < bottom || x > right || y > top;
+  // Beside a line with things on it, all within its grey is in the scene.
+  outside({ field: [left, bottom, right, top] }, { pose: [x, y], world: { kind, path = [], corridor } }) {
+    if (x >= left && y >= bottom && x <= right && y <= top) return false;
+    return kind === "path" || path.every((point, k) => !k || distanceTo(shapeOf.wall(path[k - 1], point), x, y) > corridor);
   }
 
   // Whether a run by hand is over: for some seconds it has come no nearer, out of the scene, or in it while nobody else drives.
   astray(run) {
     const { simulator: { world, state, alive, pose: [x, y] } } = run;
     const out = this.outside(run, run.simulator);
+    [run.out, this.replay.edge] = [out, out ? run.field : null];
     const { waypoints = [], goal } = world;
     const aim = waypoints.length ? Number(state.get("waypoint")) : 0;
     if (aim !== run.aim) [run.aim, run.left, run.least] = [aim, Infinity, Infinity]; // the next place may lie farther away

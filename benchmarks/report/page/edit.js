@@ -4,8 +4,8 @@ const TOOLS = { move: "move", disc: "disc", box: "box", wall: "wall", path: "pat
 const HINTS = { move: "Drag things; the small squares resize and turn them.", disc: "Click or tap where a disc is to stand; drag for a larger one.", box: "Click or tap where a box is to stand; drag for a larger one.",
   wall: "Click or tap where a wall is to stand, or drag from end to end.", path: "Draw a line in the picture: all controllers follow it when you let go.", remove: "Click or tap what is to go." };
 const AGAIN = { ...Object.fromEntries(["disc", "box", "wall"].map((each) => [each, `The run is computed anew, from the start. Click or tap for another ${each}.`])), path: "They follow your line. Draw another one as you like." };
-const LINED = "Path followers go round nothing: other robots drive now, within half a metre of your line.";
-const BY_KEYS = " Arrow keys move the cross (Shift: farther), Enter presses and lets go, Escape ends.";
+const LINED = "Path followers cannot avoid obstacles, so other robots, which can, take over: they drive along your line.";
+const BY_KEYS = " Arrow keys move the cross (Shift: farther), Enter starts, Enter again ends, Escape leaves.";
 const CLICKED = 0.3; // m, from the middle to the edges of what a click puts down
 const SPACING = 0.1; // m between the points of a drawn path
 

@@ -197,7 +197,7 @@ class Looks {
     this.replay = drive.replay;
     this.on = false;
     this.sides = [0, 1].map(() => ({ shadow: null, kernels: null })); // of the two panes
-    this.button = button("show its thinking", () => (this.on || this.button.ariaDisabled !== "true") && this.turn(!this.on), { "aria-pressed": "false", class: "kept" });
+    this.button = button("show its thinking", () => (this.on || this.button.ariaDisabled !== "true" ? this.turn(!this.on) : (this.drive.result.textContent = this.button.title)), { "aria-pressed": "false", class: "kept" });
     this.legend = el("p", { class: "hint", hidden: true });
     this.replay.scanButton.after(this.button);
     this.replay.words.append(this.legend);

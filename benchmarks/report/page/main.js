@@ -61,6 +61,7 @@ async function main() {
   if (told.demo) {
     byId("summary-title").textContent = "What this is";
     byId("summary").append(document.querySelector("dl.made"));
+    for (const each of document.querySelectorAll("dl.made dd")) if (/^https?:/.test(each.textContent)) each.replaceChildren(el("a", { href: each.textContent }, each.textContent));
     Object.assign(NAMES, told.demo.names);
     byId("title").replaceChildren(el("a", { href: "#", title: "back to the start", on: { click: (event) => { event.preventDefault(); if (drive) opening(told.demo); } } }, byId("title").textContent));
   }

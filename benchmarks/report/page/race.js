@@ -6,6 +6,8 @@ const MEDALS = ["gold", "silver", "bronze"];
 const ENDED = { success: "Finished in", collision: "Crashed after", left_corridor: "Off the path after", timeout: "Out of time:", left: "Drove off after", stopped: "Stopped after" };
 const ABOUT = "Beat controllers and a trained network by hand, or watch them drive.";
 const ASKED = { path: "Follow the path to the star", dock: "Park on the star, facing the way its line points" };
+const SENT = "This scene came by a link: “play” shows it from the start.";
+const NEAR_MISS = 0.5; // m
 const LONG_LINE = 120; // characters that two lines hold
 const coarse = () => window.matchMedia("(pointer: coarse)").matches;
 
@@ -41,6 +43,8 @@ class Race {
     this.replay = drive.replay;
     this.challenges = (drive.replay.told.demo || {}).challenges || [];
     this.run = null; // whose result is shown
+    this.watched = null; // a friend's run, while it is looked at
+    this.sent = false; // whether the scene came by a link
     this.banner = el("div", { class: "banner", hidden: true, role: "status" }); // a word in the picture
     this.card = el("div", { class: "card", hidden: true, role: "status" }); // the result beside it
     // it comes where a thumb may still press the pad: a press counts that began on the card
@@ -51,7 +55,7 @@ class Race {
     if (this.challenges.length) this.lay();
     document.addEventListener("keydown", (event) => {
       const key = event.key.toLowerCase();
-      const act = key === "r" ? (this.drive.hand || !this.card.hidden) && (() => this.again()) : key === "escape" && !this.card.hidden && (() => this.close());
+      const act = key === "r" ? (this.drive.hand || this.watched || !this.card.hidden) && (() => this.again()) : key === "escape" && !this.card.hidden && (() => this.close());
       if (!act || event.ctrlKey || event.metaKey || event.altKey || /INPUT|SELECT/.test(event.target.tagName)) return;
       event.preventDefault();
       act();
@@ -64,7 +68,7 @@ class Race {
     this.sentence = el("p", { class: "sentence", role: "status" });
     this.number = el("select", { "aria-label": "challenge", on: { change: () => this.open(Number(this.number.value)) } });
     replay.words.append(this.sentence);
-    this.large = [button("Race it", () => (this.opening ? this.open(0) : this.start())), button("Draw a path", (event) => this.draw(!event.detail)), button("Put things in its way", (event) => this.put(!event.detail))];
+    this.large = [button("Race it", () => (this.opening ? this.open(this.due) : this.start())), button("Draw a path", (event) => this.draw(!event.detail)), button("Put things in its way", (event) => this.put(!event.detail))];
     const front = el("div", { class: "front" }, replay.words, el("div", { class: "large" }, this.large),
       el("label", { class: "numbers" }, "challenges", this.number));
     this.list();
@@ -78,8 +82,9 @@ class Race {
     const { hand: run, editor } = this.drive;
     const hand = run && !run.actor.outcome;
     const modes = [hand && !editor.stays, editor.stays && editor.tool === "path", editor.stays && editor.tool === "disc"];
+    this.large[0].textContent = this.opening ? `Race it: challenge ${this.due + 1}` : "Race it";
     this.large.forEach((button, k) => button.setAttribute("aria-pressed", Boolean(modes[k])));
-    const text = hand ? this.asked(run) : this.run ? "Try again, take another challenge, or send a friend your run." : this.opening ? demo.sentence : this.closest() || ABOUT;
+    const text = hand ? this.asked(run) : this.run ? "Try again, take another challenge, or send a friend your run." : this.sent ? SENT : this.opening ? demo.sentence : this.closest() || ABOUT;
     this.headline(text);
     this.number.value = this.now < 0 || this.opening ? "" : String(this.now);
     const verdict = editor.stays && editor.tool === "disc" && world.own && this.verdict();
@@ -105,15 +110,38 @@ class Race {
     const astray = Math.ceil((run.limit - run.away) * DT);
     if (run.tape.length && run.away * DT > 0.5) {
       const rests = run.tape[run.tape.length - 1].every((each) => !each);
-      const what = run.grows ? "This leads away: turn back" : rests ? `You are standing still: hold ${coarse() ? "“ahead”" : "↑"}` : "Come nearer to the star";
+      const what = run.out ? "You are out of the scene: turn back to the star" : this.near(run) ? "Bring your middle into the ring" : run.grows ? "This leads away: turn back" : rests ? "You are standing still: drive on" : "Come nearer to the star";
       return `${what}, or the run ends in ${astray} s.`;
     }
     if (run.tape.length && this.late) return "The others have ended. Drive on, or press “Race it” to start again.";
     const omni = run.simulator.body.axes.length > 2;
-    const turn = coarse() ? `hold “ahead”${omni ? ", “go left” or “go right”" : ", turn by “left” and “right”"}` : `hold ↑, turn by ← and →${omni ? "; A and D go sideways" : ""}`;
+    const seen = Math.sin(run.actor.heading[0]) < -0.3 ? ", as the robot sees it" : ""; // it faces down the screen
+    const turn = coarse() ? `hold “ahead”${omni ? ", “go left” or “go right”" : `, turn by “left” and “right”${seen}`}` : `hold ↑, turn by ← and →${seen}${omni ? "; A and D go sideways" : ""}`;
     const [count, found] = [replay.actors.filter(({ ghost, policy }) => !ghost && policy !== GHOST).length, this.best[this.now < 0 ? "" : this.key(this.now)]];
     const prize = `${count > 1 ? `Gold for the first of ${count}. ` : ""}${found ? `Your best: ${found.time.toFixed(2)} s. ` : ""}`;
     return `${ASKED[replay.world.path ? "path" : replay.world.kind] || "Drive to the star"}: ${turn}. ${run.tape.length ? count > 1 ? `You pass through the other racers${replay.world.bodies ? `; each has its own ${companyOf(replay.world)}` : ""}.` : "" : `${prize}The clock waits for your first press.`}`;
+  }
+
+  // How near the hand is to the ring of the star that it did not get into (m); 0 where that is far, or not next.
+  near({ aim, actor: { x, y } }, all = false) {
+    const { goal, waypoints = [], position_tolerance: radius } = this.replay.world;
+    if (!goal || aim < waypoints.length) return 0;
+    const off = Math.min(...Array.from(x).slice(all ? 0 : -1).map((each, k) => Math.hypot(each - goal[0], y[all ? k : y.length - 1] - goal[1]))) - radius;
+    return off > 0 && off < NEAR_MISS ? off : 0;
+  }
+
+  // Why a run by hand ended before the star, in a sentence.
+  why(run) {
+    const { outcome } = run.actor;
+    const off = outcome !== "success" && this.near(run, true);
+    const text = { left: `For ${OUT} s you were out of the scene and came no nearer to the star.`, stopped: `The others had ended, and for ${LOST} s you came no nearer to the star.` }[outcome] || "";
+    return `${text}${off ? ` You passed ${Math.max(Math.round(100 * off), 1)} cm from the ring: your middle must be in it.` : ""}`.trim();
+  }
+
+  // The first challenge without a medal.
+  get due() {
+    const { best } = this;
+    return Math.max(this.challenges.findIndex((_, k) => !(best[this.key(k)] || {}).medal), 0);
   }
 
   // Whether nobody else is on the way.
@@ -143,7 +171,8 @@ class Race {
     if (replay.world.kind !== "path" || replay.world.name !== "drawn" || runs.length < 2 || !runs.every(({ actor }) => replay.tells(actor))) return "";
     const there = runs.filter(({ actor }) => actor.outcome === "success").sort((a, b) => a.measures.error - b.measures.error);
     const [first] = replay.ranked(there.map(({ actor }) => actor));
-    return there.length ? `First: ${first.label}, ${replay.result(first)}. Closest to your line: ${there[0].actor.label}, typically ${short(1000 * there[0].measures.error, 2)} mm off. ${there.length} of ${runs.length} arrived.` : "None got to the end of your line.";
+    const named = ({ label }) => `${label}${runs.some(({ actor }) => actor.label.startsWith(`${label},`)) ? " with standard settings" : ""}`;
+    return there.length ? `Fastest: ${named(first)}, ${replay.result(first)}. Closest to your line: ${named(there[0].actor)}, typically ${short(1000 * there[0].measures.error, 2)} mm off. ${there.length} of ${runs.length} arrived.` : "None got to the end of your line.";
   }
 
   get best() {
@@ -246,7 +275,8 @@ class Race {
 
   clear() {
     clearTimeout(this.timer);
-    this.run = null;
+    this.run = this.watched = null;
+    this.sent = false;
     this.banner.hidden = this.card.hidden = true;
     this.replay.app.classList.remove("ended");
   }
@@ -300,15 +330,16 @@ class Race {
     const order = replay.ranked(field);
     const shown = order.length > 6 ? order.filter((actor, k) => k < 4 || actor === run.actor) : order;
     const rows = shown.map((actor) => el("li", { class: actor === run.actor ? "mine" : "" }, el("span", {}, actor === run.actor ? "you" : actor.label.replace(/ \(.*\)/, "")), el("span", {}, arrived(actor) ? replay.result(actor) : (OUTCOMES[actor.outcome] || "still driving").replace("ran ", ""))));
-    const next = this.nth + 1 < this.challenges.length;
-    const forward = next && this.nth >= 0 && medal === "gold" ? "go" : null;
+    const next = this.nth < 0 ? this.due : this.nth + 1;
+    const forward = next < this.challenges.length && this.nth >= 0 && medal === "gold" ? "go" : null;
     this.say(this.ended(run, ENDED[run.actor.outcome]),
       ...(place < 0 || !rivals.length ? [] : [el("p", { class: medal ? `medal ${medal}` : "" }, `${medal ? medal[0].toUpperCase() + medal.slice(1) : "No"} medal`),
         el("p", {}, `${["1st", "2nd", "3rd"][place] || `${place + 1}th`} of ${rivals.length + 1}${there.some((each) => steps(each) === steps(run.actor)) ? ", a tie" : ""}`)]),
+      this.why(run) ? el("p", { class: "needed" }, this.why(run)) : null,
       eased ? el("p", { class: "needed" }, `Driven ${eased}${this.nth < 0 ? "." : ": this does not count as a best time."}`) : null,
       best ? el("p", { class: "needed" }, best) : null,
       rivals.length ? el("ol", { class: "order" }, rows, shown.length < order.length ? el("li", {}, el("span", {}, `and ${order.length - shown.length} others`), el("span")) : null) : null, friend ? el("p", { class: "needed" }, this.beside(run.actor, friend)) : null, better.length ? el("p", { class: "needed" }, `Needed for ${better.join(", ")}.`) : null,
-      el("div", { class: "files" }, button(coarse() ? "Try again" : "Try again (R)", () => this.again(), { class: forward ? null : "go" }), next ? button(this.nth < 0 ? `Challenge 1: ${this.challenges[0].name}` : "Next challenge", () => this.open(this.nth + 1), { class: forward }) : null,
+      el("div", { class: "files" }, button(coarse() ? "Try again" : "Try again (R)", () => this.again(), { class: forward ? null : "go" }), next < this.challenges.length ? button(this.nth < 0 ? `Challenge ${next + 1}: ${this.challenges[next].name}` : "Next challenge", () => this.open(next), { class: forward }) : null,
         button("Copy a link to race this run", async () => {
           this.tell(await drive.share.link());
           this.card.lastElementChild.scrollIntoView({ block: "nearest" }); // on a phone it lies below
@@ -359,6 +390,25 @@ class Race {
     while (run.pending) this.drive.pump(1); // who is looked at goes first
     const eased = easedBy(run);
     this.say(this.ended(run, `${run.actor.own ? "You" : "A friend"} ${(ENDED[run.actor.outcome] || "drove for").toLowerCase()}`), eased ? el("p", {}, `driven ${eased}`) : null, el("p", {}, "Can you do better?"),
-      el("div", { class: "files" }, button("Race the ghost (R)", () => this.again(), { class: "go" }), button("watch first", () => { this.close(); this.replay.toggle(true); })));
+      el("div", { class: "files" }, button("Race the ghost (R)", () => this.again(), { class: "go" }), button("watch first", () => {
+        this.close();
+        this.watched = run;
+        this.replay.toggle(true);
+      })));
+  }
+
+  // A friend's run was watched to its end: it can still be raced.
+  back() {
+    if (this.watched && this.replay.step >= this.replay.last) this.challenged(this.watched);
+  }
+
+  // A scene came by a link; what is over is shown from its start.
+  received() {
+    const { replay } = this;
+    this.sent = true;
+    this.tellScene();
+    if (still() || replay.step < replay.last) return;
+    replay.seek(0);
+    replay.toggle(true);
   }
 }

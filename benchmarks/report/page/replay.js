@@ -38,7 +38,9 @@ class Replay {
     this.races = () => false; // whether a hand drives against the others
     this.poised = () => false; // whether the clock waits for the hand's first press
     this.halts = () => {}; // the picture was stopped
+    this.edge = null; // of the scene, for a hand that is beyond it
     this.saved = say; // tells of a file
+    this.holds = () => false; // whether it waits for a film
     this.build();
     themed.push(() => this.refresh(true));
     new ResizeObserver(() => this.refresh()).observe(this.canvas);
@@ -272,6 +274,16 @@ class Replay {
     return Boolean(actor.told) || actor.seen === actor.version || !this.spoils();
   }
 
+  // Whether the picture shows it on its way.
+  underWay(actor) {
+    return this.step > 0 && this.step < actor.x.length - 1;
+  }
+
+  // What the list tells of the ends of runs.
+  get endings() {
+    return this.actors.map((actor) => (this.tells(actor) ? (this.underWay(actor) ? 1 : 2) : 0)).join();
+  }
+
   // What runs are compared by, here, on a card and for medals: recorded ones along a path by their error as in the tables, all else by time.
   get byError() {
     return this.world.kind === "path" && this.actors.some((actor) => actor.told);
@@ -302,7 +314,8 @@ class Replay {
 
   listActors() {
     const order = this.ranked(this.actors);
-    this.order.textContent = order.length < 2 ? "" : this.byError ? "The smallest error comes first." : `The fastest comes first.${this.world.bodies && !this.other ? ` Each robot has its own ${companyOf(this.world)}; the chosen robot's is drawn.` : ""}`;
+    const sorted = !order.some((actor) => this.tells(actor)) ? "" : this.byError ? "The smallest error comes first." : "The fastest comes first.";
+    this.order.textContent = order.length < 2 ? "" : `${sorted}${this.world.bodies && !this.other ? ` Each robot has its own ${companyOf(this.world)}; the chosen robot's is drawn, and the other robots are pale.` : ""}`;
     this.offerPanes();
     const held = this.list.contains(document.activeElement) ? document.activeElement.getAttribute("aria-label") : null;
     this.list.replaceChildren(...order.map((actor) => {
@@ -310,13 +323,13 @@ class Replay {
         on: { change: () => { actor.hidden = !shown.checked; this.refresh(true); } } });
       const ended = this.tells(actor);
       const bad = ended && actor.outcome !== "success";
-      const note = [ended ? OUTCOMES[actor.outcome] : this.step && this.step >= actor.x.length - 1 && this.waits(actor) ? "being computed" : this.target(actor) || (!actor.outcome && actor.note) || (this.playing || this.step ? "driving" : "at the start"), ended ? actor.note : "", actor.ghost ? "recorded in the scene as it was" : ""].filter(Boolean).join(", ");
+      const note = [ended ? `${this.underWay(actor) ? "driving; at the end: " : ""}${OUTCOMES[actor.outcome]}` : this.step && this.step >= actor.x.length - 1 && this.waits(actor) ? "being computed" : this.target(actor) || (!actor.outcome && actor.note) || (this.playing || this.step ? "driving" : "at the start"), ended ? actor.note : "", actor.ghost ? "recorded in the scene as it was" : ""].filter(Boolean).join(", ");
       return el("li", { "data-chosen": actor === this.chosen ? "yes" : "no" }, shown, swatch(actor.policy),
         button(actor.label, () => this.choose(actor), { class: "name", "aria-label": actor.label, "aria-pressed": actor === this.chosen, title: aboutOf(actor.policy) }),
         button("×", () => this.takeOut(actor), { class: "drop-out", "aria-label": `take out ${actor.label}`, title: "take this run out" }),
         el("small", { class: bad ? "bad" : "" }, note));
     }));
-    this.listed = this.actors.filter((actor) => this.tells(actor)).length;
+    this.listed = this.endings;
     if (held) for (const each of this.list.querySelectorAll("[aria-label]")) if (each.getAttribute("aria-label") === held) each.focus({ preventScroll: true });
   }
 
@@ -348,6 +361,7 @@ class Replay {
     let due = this.step;
     const frame = (now) => {
       if (!this.playing) return;
+      if (this.filmed && this.holds()) { requestAnimationFrame(frame); return; }
       const begun = performance.now();
       due = (Math.abs(due - this.step) > 1 ? this.step : due) + (before === null ? 0 : (Math.min(now - before, this.filmed ? 1000 / FILM.rate : 200) / 1000 / DT) * this.rate);
       before = now;
@@ -389,6 +403,7 @@ class Replay {
     const pixel = 1 / view.pixels;
     const hull = HULLS[this.robot] || 0.25;
     if (!this.blank) drawWorld(context, world, step * DT, pixel);
+    if (this.edge) drawEdge(context, this.edge, pixel);
     if (this.scans && chosen && (world.bodies || world.walls || (world.obstacles && world.obstacles.length))) {
       const k = Math.min(step, chosen.x.length - 1);
       drawScan(context, [...solidsAt(world, step * DT), ...bodiesAt(world, chosen, step, hull)], chosen.x[k], chosen.y[k], chosen.heading[k], pixel, colourName(chosen.policy));
@@ -396,7 +411,8 @@ class Replay {
     if (this.under) this.under(view, chosen, pane);
     const company = world.bodies && this.company(chosen, actors);
     if (company) drawBodies(context, world, company, step, hull, pixel);
-    actors.filter((actor) => actor !== chosen).forEach((actor, k) => drawActor(context, actor, step, hull, pixel, false, LANES[k % LANES.length]));
+    const faint = (actor) => (company ? actor !== company : this.races()); // who drives among others than are drawn, or whom the hand passes through
+    actors.filter((actor) => actor !== chosen).forEach((actor, k) => drawActor(context, actor, step, hull, pixel, false, LANES[k % LANES.length], faint(actor)));
     if (chosen) drawActor(context, chosen, step, hull, pixel, true);
     if (!this.blank) drawStars(context, world, pixel);
     if (this.leads) drawWay(context, view, world, pixel);
@@ -421,7 +437,7 @@ class Replay {
     this.fitButton.hidden = !view.middle || this.follows || this.leads;
     this.followButton.hidden = !this.fitButton.hidden;
     this.scanButton.hidden = !(world.bodies || world.walls || (world.obstacles && world.obstacles.length)); // nothing to see
-    if (this.actors.filter((actor) => this.tells(actor)).length !== this.listed) {
+    if (this.endings !== this.listed) {
       this.listActors();
       if (this.ends) this.ends();
       this.refresh(changed); // of who is chosen now

@@ -144,10 +144,19 @@ function drawWorld(context, world, time, pixel) {
   }
 }
 
+// Out of this a run by hand ends.
+function drawEdge(context, [left, bottom, right, top], pixel) {
+  [context.strokeStyle, context.lineWidth] = [ink("--fail"), 2 * pixel];
+  context.setLineDash([8 * pixel, 6 * pixel]);
+  context.strokeRect(left, bottom, right - left, top - bottom);
+  context.setLineDash([]);
+}
+
 // Where one is to arrive, over the robots that are there already.
 function drawStars(context, world, pixel) {
   const { path, goal } = world;
   if (path && path.length && !goal) flag(context, ...(world.closed ? path[0] : path[path.length - 1]), 7 * pixel);
+  for (const [x, y] of world.goals || []) flag(context, x, y, 5 * pixel); // of the other robots of a team
   if (goal) flag(context, goal[0], goal[1], 9 * pixel);
 }
 
@@ -208,10 +217,10 @@ function flag(context, x, y, size) {
 
 const LANES = [1, -1, 2, -2, 3, -3].map((each) => 2.2 * each); // px to the left of its way, so that equal ones do not hide each other
 
-function drawActor(context, actor, k, hull, pixel, chosen, lane = 0) {
+function drawActor(context, actor, k, hull, pixel, chosen, lane = 0, faint = false) {
   const last = Math.min(k, actor.x.length - 1);
   const colour = ink(colourName(actor.policy));
-  const alpha = actor.ghost || actor.stale || (k > last && !actor.outcome) ? 0.35 : 1; // what is not yet driven so far is a ghost too
+  const alpha = faint || actor.ghost || actor.stale || (k > last && !actor.outcome) ? 0.35 : 1; // what is not yet driven so far is a ghost too
   context.strokeStyle = colour;
   context.globalAlpha = alpha;
   context.lineWidth = (chosen ? 3 : 2) * pixel;
@@ -261,12 +270,12 @@ function drawNames(context, view, actors, k, hull, pixel, bodies, things) {
   for (const { x, y, label, policy, outcome } of actors) {
     const last = Math.min(k, x.length - 1);
     if (k > last && !outcome) continue; // it waits
-    const same = spots.find((spot) => Math.hypot(spot.x - x[last], spot.y - y[last]) < hull);
+    const same = policy !== KEYBOARD && spots.find((spot) => spot.policy !== KEYBOARD && Math.hypot(spot.x - x[last], spot.y - y[last]) < hull);
     if (same) same.more += 1;
     else spots.push({ x: x[last], y: y[last], name: label.replace(/ \(.*\)/, ""), policy, more: 0 });
   }
   for (const { x, y, policy, more, ...spot } of spots) {
-    const name = !more ? spot.name : policy === KEYBOARD ? `you and ${more} more` : `${more + 1} robots`;
+    const name = more ? `${more + 1} robots` : spot.name;
     const half = context.measureText(name).width / 2 + 4;
     const room = Math.max(view.width / 2 - half, 0);
     const [above, below, aside] = [(-y - hull) / pixel - 6, (-y + hull) / pixel + 16, hull / pixel + half + 2];

@@ -3,9 +3,11 @@
 const LINK = 1; // version of what a link holds
 const STATE = ["v", "robot", "actuators", "disturbance", "policy", "sheet", "place", "world", "runs", "step", "overlay", "ghost", "eased", "beside", "embed"];
 const WORLD = ["kind", "name", "family", "tier", "quantity", "steps", "speed", "path", "closed", "laps", "corridor", "start", "start_offset", "start_turn", "goal", "waypoints", "obstacles", "patrols", "walls", "grid", "draws", "seed", "edited",
-  "position_tolerance", "heading_tolerance", "waypoint_radius", "starts", "goals", "tracks", "walks", "bodies", "reach"];
+  "position_tolerance", "heading_tolerance", "waypoint_radius", "starts", "goals", "tracks", "walks", "bodies", "reach", "own"];
 const EMBEDS = ["law", "scenes"]; // what a small simulator is about: its gains, or what there is to drive in
 const LONG = 2000; // characters of a link
+
+const fileName = () => decodeURIComponent(location.pathname.split("/").pop()); // of this page
 
 class Share {
   constructor(drive) {
@@ -28,7 +30,7 @@ class Share {
   paste(text, tell = problem) {
     const [, held] = text.trim().split("#");
     if (!held) {
-      if (tell !== problem && text) tell(`That is no link to a run. One looks like ${(this.replay.told.demo || {}).site || "file:///…/demo.html"}#%7B%22v%22…: paste all of it.`);
+      if (tell !== problem && text) tell(`That is no link to a run. One looks like ${(this.replay.told.demo || {}).site || `file:///…/${fileName()}`}#%7B%22v%22…: paste all of it.`);
       return;
     }
     const before = encodeURIComponent(JSON.stringify(this.state()));
@@ -36,7 +38,7 @@ class Share {
     try {
       this.read(held);
       left = true;
-      this.restore(held);
+      this.restore(held, false, true);
       byId("problem").hidden = true;
       this.field.value = "";
       this.replay.canvas.focus({ preventScroll: true });
@@ -72,8 +74,7 @@ class Share {
     if (!there) { this.field.value = url; this.field.select(); }
     const told = there ? "Link copied." : "The browser lets nothing be copied: the link stands in the address bar, and in the field under Share.";
     const long = url.length > LONG ? ` It is long, ${url.length} characters: some chats cut it.` : "";
-    const file = decodeURIComponent(location.pathname.split("/").pop());
-    return site || location.protocol !== "file:" ? `${told}${long}` : `${told} It works on this computer only, as this page is a file here. To send the run: send the file ${file} and the link; your friend opens the file and pastes the link there, under Share.${long}`;
+    return site || location.protocol !== "file:" ? `${told}${long}` : `${told} It works on this computer only, as this page is a file here. To send the run: send the file ${fileName()} and the link; your friend opens the file and pastes the link there, under Share.${long}`;
   }
 
   // What a link holds, checked as far as that changes nothing of the page; an Error says what is wrong with it.
@@ -119,7 +120,7 @@ class Share {
   }
 
   // Shows what a link holds; an Error says what is wrong with it.
-  restore(text, own = false) {
+  restore(text, own = false, sent = false) {
     const { drive, replay } = this;
     const { state, world, ghost } = this.read(text);
     if (state.sheet !== undefined && drive.free) drive.adopt(state.sheet);
@@ -165,6 +166,7 @@ class Share {
     drive.wake();
     drive.race.tellScene();
     if (friend) drive.race.challenged(friend);
+    else if (sent && !state.embed) drive.race.received();
     if (state.embed && !still()) replay.toggle(true);
   }
 
@@ -194,7 +196,7 @@ class Share {
 // A world without what the page adds by itself.
 function stripped(world) {
   const { made, closing, hull, own, ...rest } = world;
-  return rest;
+  return own ? { ...rest, own } : rest;
 }
 
 // A world that came by a link: only numbers, lists and the few words that worlds have.
@@ -232,7 +234,7 @@ function checkedWorld(world) {
   }
   for (const field of ["start", "goal"]) if (!world[field]) throw new Error(`its scene lacks its ${field}`);
   for (const field of ["position_tolerance", "heading_tolerance", "waypoint_radius"]) number(field, 1e-6);
-  return { ...kept, obstacles, patrols, waypoints, ...(["team", "people"].includes(world.kind) ? checkedBodies(world, rows) : {}) };
+  return { ...kept, own: Math.floor(asNumber("own", world.own ?? 0, 0, obstacles.length)), obstacles, patrols, waypoints, ...(["team", "people"].includes(world.kind) ? checkedBodies(world, rows) : {}) };
 }
 
 // The other bodies of a world that came by a link: what the package's own check of such a scenario asks for.
@@ -327,7 +329,8 @@ function restored() {
   const text = location.hash.slice(1);
   if (!text || text === "replay") return false; // the link that skips to the simulator
   try {
-    drive.share.restore(text, Boolean(history.state && history.state.own));
+    const own = Boolean(history.state && history.state.own);
+    drive.share.restore(text, own, !own);
     return true;
   } catch (error) {
     problem(`The link cannot be opened: ${error.message}. The page shows its first scenario.`);
