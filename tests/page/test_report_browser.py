@@ -840,6 +840,16 @@ def test_what_is_shown_is_recorded(browser: Browser, files: dict[str, Path], tmp
         download.value.save_as(tmp_path / "film.webm")
         made = watched.page.evaluate("bytes => picturesIn(bytes)", [*(tmp_path / "film.webm").read_bytes()])
         assert made > watched.page.evaluate("replay.last * DT / replay.rate * FILM.rate / 2")
+        # while another part of the page is looked at, the film waits
+        for name in ("record", "About"):
+            watched.page.get_by_role("button", name=name, exact=True).click()
+        watched.page.wait_for_timeout(500)
+        before = watched.page.evaluate("replay.step")
+        watched.page.wait_for_timeout(500)
+        assert watched.page.evaluate("replay.step") == before < watched.page.evaluate("replay.last")
+        with watched.page.expect_download(timeout=60_000):
+            watched.page.get_by_role("button", name="Simulator", exact=True).click()
+        assert watched.page.evaluate("replay.step === replay.last")
         # before the first press of a race it waits with the clock
         watched.page.get_by_role("button", name="Race it").click()
         watched.page.get_by_role("button", name="record").click()

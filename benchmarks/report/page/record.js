@@ -44,6 +44,9 @@ function framed(film, { board, canvas, beside, chosen, other, actors, step }) {
   write(`wayfield, ${(step * DT).toFixed(2)} s`, 10, film.height - 10);
 }
 
+// Whether the picture is not on the screen, or has not been drawn since it came back.
+const unseen = ({ board, canvas }) => !board.clientWidth || !canvas.width;
+
 // Until it is stopped, or the run is over. The replay waits for the film: however slow the machine, none of its moments is lost.
 function recordButton(replay) {
   const button = el("button", { type: "button", class: "stepwise record", title: `a film of at most ${FILM.seconds} s`, on: { click: () => (!recorder ? begin() : armed ? ended() : stop()) } }, "record");
@@ -63,7 +66,7 @@ function recordButton(replay) {
     let [count, at, rests] = [0, 0, 0];
     let [held, lost, changed, stopped] = [0, 0, 0, 0]; // pictures in the film, those given up, and when (ms)
     const frame = () => {
-      if (recorder.state !== "recording" || performance.now() - at < 1000 / FILM.rate - 5) return;
+      if (recorder.state !== "recording" || unseen(replay) || performance.now() - at < 1000 / FILM.rate - 5) return;
       at = performance.now();
       framed(film, replay);
       if (++count > FILM.seconds * FILM.rate) stop();
@@ -74,7 +77,7 @@ function recordButton(replay) {
       const now = performance.now();
       if (count - held - lost <= BEHIND) changed = now;
       else if (now - changed > PATIENCE) lost = count - held;
-      return count - held - lost > BEHIND;
+      return unseen(replay) || count - held - lost > BEHIND;
     };
     // the encoder first comes to its end
     stop = () => {
