@@ -152,7 +152,7 @@ def test_robot_policy_pad_and_play_are_in_one_view_and_nothing_moves_unasked(
           const { left, top, width, height } = replay.canvas.getBoundingClientRect();
           const [{ centre: [cx, cy], pixels }, { x, y }] = [replay.view, drive.hand.actor];
           const at = [left + width / 2 + (x[0] - cx) * pixels, top + height / 2 - (y[0] - cy) * pixels];
-          const controls = [drive.pad, replay.playButton, replay.scrubber];
+          const controls = [drive.pad, replay.playButton, replay.scrubber, replay.chartButton];
           return [[...at, ...at], ...controls.map(box)];
         }"""
         assert tab.evaluate("window.scrollY") == 0
@@ -161,6 +161,10 @@ def test_robot_policy_pad_and_play_are_in_one_view_and_nothing_moves_unasked(
             assert 0 <= top <= bottom <= height
         tab.keyboard.press("ArrowUp")
         watched.until("drive.hand.actor.x.length > 3 && drive.runs.some((run) => run !== drive.hand && !run.pending)")
+        if width > 820:  # the first chart takes its room from the picture
+            tab.get_by_role("button", name="charts").click()
+            bottom = tab.evaluate("replay.traces[0].canvas.getBoundingClientRect().bottom")
+            assert [tab.evaluate("window.scrollY"), bottom <= height] == [0, True]
         assert watched.errors == []
 
 

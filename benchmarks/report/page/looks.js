@@ -310,7 +310,7 @@ class Looks {
     const { replay, replay: { other } } = this;
     const shown = [found, other && this.run(other)].filter(Boolean); // of either pane
     const told = [...new Set(shown.map(({ run, look }) => `${run.actor.label}: ${look.title}`))].join("; ");
-    const text = shown.length ? "show its thinking" : replay.chosen && ![KEYBOARD, GHOST].includes(replay.chosen.policy) ? "no thinking to draw" : "thinking: choose a robot"; // grey, and says why
+    const text = shown.length ? "show its thinking" : "no thinking to draw";
     if (this.button.textContent !== text) this.button.textContent = text;
     this.button.setAttribute("aria-disabled", !shown.length);
     this.button.title = told || "Choose a run in the list: the page can draw what most controllers and networks look at, not what you or a friend think.";

@@ -14,6 +14,7 @@ function rmsOf(actor, step) {
 
 const OUTCOMES = { success: "arrived", collision: "crashed", left_corridor: "left the path", timeout: "ran out of time", left: "drove off", stopped: "stopped" };
 const companyOf = ({ kind }) => (kind === "team" ? "team" : "crowd"); // the other bodies, in a word
+const CHART = 90; // px that the picture leaves to the first of the charts
 const PLAYBACK = 2; // times as fast as the robots
 
 class Replay {
@@ -85,7 +86,7 @@ class Replay {
     this.side = el("div", { class: "side" }, this.order, this.list, this.scenario);
     this.app = el("div", { class: "app" }, this.board, this.quick, this.bar, this.side, el("div", { class: "traces" }, this.traces.map((trace) => trace.canvas)));
     byId("player").append(this.words, this.app);
-    this.place = () => this.app.style.setProperty("--top", `${Math.round(this.app.getBoundingClientRect().top + window.scrollY)}px`);
+    this.place = () => this.app.style.setProperty("--top", `${Math.round(this.app.getBoundingClientRect().top + window.scrollY) + (this.told.demo && this.plots && window.innerWidth > 820 && window.innerHeight > 500 ? CHART : 0)}px`);
     for (const above of [document.querySelector("header"), this.words]) new ResizeObserver(this.place).observe(above);
     this.place();
     this.wire();
@@ -194,6 +195,7 @@ class Replay {
   plot(on) {
     this.plots = on;
     this.chartButton.setAttribute("aria-pressed", on);
+    this.place();
     this.refresh(true);
     if (on) this.traces[0].canvas.scrollIntoView({ block: "nearest" });
   }
