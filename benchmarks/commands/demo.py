@@ -135,12 +135,12 @@ SCENES = {
 
 # what the page calls each policy, and what it does, in a phrase
 NAMES = {
-    "ppo": ("trained network (PPO)", "learned to drive by trial and error"),
-    "people_free": ("trained network (people)", "learned to drive among people by trial and error"),
-    "team_guided": ("trained network (team)", "a network says where to go, ORCA keeps it clear of others"),
+    "ppo": ("trained network (PPO)", "copied a controller, then learned by trial and error to drive alone"),
+    "people_free": ("trained network (people)", "learned by trial and error to correct ORCA among people"),
+    "team_guided": ("trained network (team)", "learned by trial and error to correct ORCA, which keeps it clear"),
     "team_scan": ("trained network (team, laser)", "learned by trial and error, sees by its laser alone"),
     "hybrid": ("planner with network", "a planner finds the way, a network drives along it"),
-    "any_robot": ("network for any robot", "drives any base by its data sheet, behind a planner"),
+    "any_robot": ("network for any robot", "a copy of VFH+ for any base by its data sheet, behind a planner"),
     "astar_tracker": ("A* planner", "is given the map, drives the shortest way"),
     "scan_planner": ("laser planner", "plans on a map of what its laser has seen"),
     "vfh_plus": ("vector histogram", "steers to the cheapest free direction (VFH+)"),
@@ -264,8 +264,10 @@ def page() -> str:
     )
     content.sentences.append(
         "Controllers compute each command by a rule or a plan that somebody wrote; the list of robots says what each "
-        "does. The networks learned to drive by trial and error (reinforcement learning, PPO), in "
-        "millions of simulated steps. They were trained in other scenes than those here."
+        "does. The networks learned by trial and error (reinforcement learning, PPO), in millions of simulated steps, "
+        "in other scenes than those here. Most began as copies of a controller and now drive alone. Among people, and "
+        "in one of the two for teams, the network corrects a controller, ORCA, which drives along with it. The network "
+        "for any robot is still the copy of a controller."
     )
     how = [["version", version("wayfield")], ["commit", (commit() or "not known").replace("-dirty", ", and changes")]]
     how += [["licence", "MIT"], ["made", datetime.date.today().isoformat()]]

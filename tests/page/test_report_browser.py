@@ -477,7 +477,7 @@ def test_the_grey_beside_a_drawn_line_is_in_the_scene(browser: Browser, files: d
         drag(tab, [[cx + x, cy + y] for x, y in ((-1.5, 0), (-1, 0), (-0.5, 0), (0, 0), (0, 0.5), (0, 1), (0, 1.5))])
         watched.until("replay.world.kind === 'path'")
         tab.get_by_role("button", name="Put things in its way").click()
-        drag(tab, [[cx, cy + 1], [cx + 0.1, cy + 1]])
+        drag(tab, [[cx, cy + 0.8], [cx + 0.1, cy + 0.8]])
         watched.until(f"replay.world.obstacles.length === 1 && {DRIVEN}")
         by_hand(tab)
         tab.get_by_label("speed of the replay").select_option("2")
@@ -708,6 +708,9 @@ def test_every_click_puts_a_thing_and_every_drag_draws_a_path(browser: Browser, 
             watched.until("!replay.playing")
         tab.get_by_role("button", name="undo last").click()
         assert tab.evaluate("replay.world.obstacles.length") == before + 2
+        drag(tab, [[x + 1.0, y], [x + 1.1, y]])  # a short drag puts no smaller one than a click
+        clicked, dragged = tab.evaluate("replay.world.obstacles.slice(-2).map((each) => each[6])")
+        assert dragged >= clicked
         tab.get_by_role("button", name="Draw a path").click()
         for side in (1.5, -1.5):
             drag(tab, [[0.0, 0.0], [side, 0.5], [2.0 * side, 0.0]])
@@ -822,7 +825,9 @@ def test_a_scene_that_a_link_holds_plays_and_keeps_what_was_put_there(browser: B
         url = taken(tab, "copy link")
         with Watched(browser, files["demo"]) as other:
             other.page.locator(".files input[type=text]").fill(url)
-            assert "came by a link" in other.page.locator(".sentence").inner_text()
+            told = other.page.locator(".sentence").inner_text()
+            assert "came by a link" in told
+            assert "play" not in told  # it plays
             other.until("replay.playing && replay.step > 3 && replay.step < replay.last")
             assert other.page.evaluate("replay.world.own") == 1
 

@@ -1,10 +1,10 @@
 // Edits the scene: things are moved, resized and turned by their handles, drawn by a drag, and paths by a pen.
 
 const TOOLS = { move: "move", disc: "disc", box: "box", wall: "wall", path: "path", remove: "delete" };
-const HINTS = { move: "Drag things; the small squares resize and turn them.", disc: "Click or tap where a disc is to stand; drag for a larger one.", box: "Click or tap where a box is to stand; drag for a larger one.",
+const HINTS = { move: "Drag things; the small squares resize and turn them.", disc: "Click or tap where a disc is to stand; drag for a larger one.", box: "Click or tap where a box is to stand, or drag from corner to corner.",
   wall: "Click or tap where a wall is to stand, or drag from end to end.", path: "Draw a line in the picture: all controllers follow it when you let go.", remove: "Click or tap what is to go." };
-const AGAIN = { ...Object.fromEntries(["disc", "box", "wall"].map((each) => [each, `The run is computed anew, from the start. Click or tap for another ${each}.`])), path: "They follow your line. Draw another one as you like." };
-const LINED = "Path followers cannot avoid obstacles, so other robots, which can, take over: they drive along your line.";
+const AGAIN = { ...Object.fromEntries(["disc", "box", "wall"].map((each) => [each, `The run is computed anew, from the start. Click or tap for another ${each}.`])), path: "They follow your line; their tracks are drawn a few pixels apart, so that each is seen. Draw another one as you like." };
+const LINED = "Path followers cannot avoid obstacles, so robots that can take over: they head for points of your line, by short cuts.";
 const BY_KEYS = " Arrow keys move the cross (Shift: farther), Enter starts, Enter again ends, Escape leaves.";
 const CLICKED = 0.3; // m, from the middle to the edges of what a click puts down
 const SPACING = 0.1; // m between the points of a drawn path
@@ -58,7 +58,7 @@ function lined({ path, closed }) {
 }
 
 const shapeOf = {
-  disc: ([ax, ay], [bx, by]) => [ax, ay, 1, 0, 0, 0, Math.max(Math.hypot(bx - ax, by - ay), 0.05), 0],
+  disc: ([ax, ay], [bx, by]) => [ax, ay, 1, 0, 0, 0, Math.max(Math.hypot(bx - ax, by - ay), CLICKED), 0],
   box: ([ax, ay], [bx, by]) => [0.5 * (ax + bx), 0.5 * (ay + by), 1, 0, Math.max(0.5 * Math.abs(bx - ax), 0.05), Math.max(0.5 * Math.abs(by - ay), 0.05), 0, 0],
   wall: ([ax, ay], [bx, by]) => {
     const length = Math.max(Math.hypot(bx - ax, by - ay), 0.1);
@@ -412,7 +412,7 @@ class Editor {
     replay.blank = false;
     const { bounds, zoom, middle, least } = replay.view;
     const tall = replay.app.style.getPropertyValue("--tall");
-    this.open(world, "A path that you drew; grey: the 1 m to either side within which a robot is still on it. Tracks are drawn side by side, a few pixels apart, so that each is seen.");
+    this.open(world, "A path that you drew; grey: the 1 m to either side within which a robot is still on it.");
     Object.assign(replay.view, { bounds, zoom, middle, least }); // the line stays where it was drawn
     replay.app.style.setProperty("--tall", tall);
     for (const point of world.path) replay.view.takeIn(point, 0.3);

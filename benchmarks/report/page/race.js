@@ -6,7 +6,7 @@ const MEDALS = ["gold", "silver", "bronze"];
 const ENDED = { success: "Finished in", collision: "Crashed after", left_corridor: "Off the path after", timeout: "Out of time:", left: "Drove off after", stopped: "Stopped after" };
 const ABOUT = "Beat controllers and a trained network by hand, or watch them drive.";
 const ASKED = { path: "Follow the path to the star", dock: "Park on the star, facing the way its line points" };
-const SENT = "This scene came by a link: “play” shows it from the start.";
+const SENT = "This scene came by a link";
 const NEAR_MISS = 0.5; // m
 const LONG_LINE = 120; // characters that two lines hold
 const coarse = () => window.matchMedia("(pointer: coarse)").matches;
@@ -78,18 +78,18 @@ class Race {
 
   tellScene() {
     if (!this.sentence) return;
-    const { told: { demo }, world } = this.replay;
+    const { replay, replay: { told: { demo }, world } } = this;
     const { hand: run, editor } = this.drive;
     const hand = run && !run.actor.outcome;
     const modes = [hand && !editor.stays, editor.stays && editor.tool === "path", editor.stays && editor.tool === "disc"];
     this.large[0].textContent = this.opening ? `Race it: challenge ${this.due + 1}` : "Race it";
     this.large.forEach((button, k) => button.setAttribute("aria-pressed", Boolean(modes[k])));
-    const text = hand ? this.asked(run) : this.run ? "Try again, take another challenge, or send a friend your run." : this.sent ? SENT : this.opening ? demo.sentence : this.closest() || ABOUT;
+    const text = hand ? this.asked(run) : this.run ? "Try again, take another challenge, or send a friend your run." : this.sent ? `${SENT}${replay.playing ? "" : ": “play” shows it"}.` : this.opening ? demo.sentence : this.closest() || ABOUT;
     this.headline(text);
     this.number.value = this.now < 0 || this.opening ? "" : String(this.now);
     const verdict = editor.stays && editor.tool === "disc" && world.own && this.verdict();
     if (verdict) editor.tell(`${verdict} Click or tap for another disc.`);
-    if (editor.stays && this.closest()) editor.tell(`${this.closest()} Draw another line as you like.`);
+    if (editor.stays && this.closest()) editor.tell(`${this.closest()} Tracks are drawn a few pixels apart.`);
   }
 
   // Long ones are smaller: the picture below stays where it is.
@@ -389,7 +389,7 @@ class Race {
     this.drive.replay.choose(run.actor);
     while (run.pending) this.drive.pump(1); // who is looked at goes first
     const eased = easedBy(run);
-    this.say(this.ended(run, `${run.actor.own ? "You" : "A friend"} ${(ENDED[run.actor.outcome] || "drove for").toLowerCase()}`), eased ? el("p", {}, `driven ${eased}`) : null, el("p", {}, "Can you do better?"),
+    this.say(this.ended(run, `${run.actor.own ? "You" : "A friend"} ${(ENDED[run.actor.outcome] || "drove for").toLowerCase()}`), eased ? el("p", {}, `driven ${eased}`) : null, el("p", {}, ["success", ""].includes(run.actor.outcome) ? "Can you do better?" : "Can you arrive?"),
       el("div", { class: "files" }, button("Race the ghost (R)", () => this.again(), { class: "go" }), button("watch first", () => {
         this.close();
         this.watched = run;
@@ -406,9 +406,10 @@ class Race {
   received() {
     const { replay } = this;
     this.sent = true;
+    if (!still() && replay.step >= replay.last) {
+      replay.seek(0);
+      replay.toggle(true);
+    }
     this.tellScene();
-    if (still() || replay.step < replay.last) return;
-    replay.seek(0);
-    replay.toggle(true);
   }
 }

@@ -314,6 +314,11 @@ class Replay {
     return this.races() && actor.outcome === "success" ? `to beat: ${this.result(actor)}` : "";
   }
 
+  // And who fails, and needs no beating.
+  failing({ outcome }) {
+    return !this.races() || !outcome || outcome === "success" ? "" : outcome === "collision" ? "crashes" : "does not arrive";
+  }
+
   listActors() {
     const order = this.ranked(this.actors);
     const sorted = !order.some((actor) => this.tells(actor)) ? "" : this.byError ? "The smallest error comes first." : "The fastest comes first.";
@@ -325,7 +330,7 @@ class Replay {
         on: { change: () => { actor.hidden = !shown.checked; this.refresh(true); } } });
       const ended = this.tells(actor);
       const bad = ended && actor.outcome !== "success";
-      const note = [ended ? `${this.underWay(actor) ? "driving; at the end: " : ""}${OUTCOMES[actor.outcome]}` : this.step && this.step >= actor.x.length - 1 && this.waits(actor) ? "being computed" : this.target(actor) || (!actor.outcome && actor.note) || (this.playing || this.step ? "driving" : "at the start"), ended ? actor.note : "", actor.ghost ? "recorded in the scene as it was" : ""].filter(Boolean).join(", ");
+      const note = [ended ? `${this.underWay(actor) ? "driving; at the end: " : ""}${OUTCOMES[actor.outcome]}` : this.step && this.step >= actor.x.length - 1 && this.waits(actor) ? "being computed" : this.target(actor) || this.failing(actor) || (!actor.outcome && actor.note) || (this.playing || this.step ? "driving" : "at the start"), ended ? actor.note : "", actor.ghost ? "recorded in the scene as it was" : ""].filter(Boolean).join(", ");
       return el("li", { "data-chosen": actor === this.chosen ? "yes" : "no" }, shown, swatch(actor.policy),
         button(actor.label, () => this.choose(actor), { class: "name", "aria-label": actor.label, "aria-pressed": actor === this.chosen, title: aboutOf(actor.policy) }),
         button("×", () => this.takeOut(actor), { class: "drop-out", "aria-label": `take out ${actor.label}`, title: "take this run out" }),
