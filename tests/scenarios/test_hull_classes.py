@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from wayfield.benchmarks.commands.evaluate import main
 from wayfield.benchmarks.contests import CONTESTS, Entrants
 from wayfield.benchmarks.figures import video
 from wayfield.benchmarks.runs.suite import Setting, episodes
@@ -100,3 +101,12 @@ def test_discs_that_fill_the_narrowest_doors_seldom_touch_their_posts() -> None:
         touched += [row["collision"] for row, _ in episodes(how)]
     # 1 % of all scenes among static obstacles: they are of 16 families, and in the 15 others there is room
     assert np.mean(touched) <= 0.16
+
+
+@pytest.mark.parametrize("suite", ["teams", "people", "crowdnav"])
+def test_crowds_are_refused_to_a_hull_that_they_have_no_class_for(tmp_path: Path, suite: str) -> None:
+    out = tmp_path / "run"
+    refused = CliRunner().invoke(main, ["--suite", suite, "--robot", "mir100", "--episodes", "1", "--out", str(out)])
+    assert refused.exit_code == 2
+    assert "has a hull of 0.569 m; the frozen scenarios of" in refused.output
+    assert not out.exists()
