@@ -1,5 +1,6 @@
 """The report in a real browser, from a file: it opens, replays, sorts, and drives."""
 
+import contextlib
 import itertools
 import json
 import math
@@ -441,18 +442,25 @@ def test_arrow_keys_drive_after_a_click_in_the_bar_and_work_a_list_that_tab_led_
         assert watched.errors == []
 
 
+@contextlib.contextmanager
+def race(browser: Browser, page: Path, file: Path, scene: str, rate: str) -> Iterator[Watched]:
+    """Yields a page where a race in a scene of the user's own has been asked for, its replay at a rate."""
+    file.write_text(scene)
+    with Watched(browser, page, viewport={"width": 1440, "height": 900}, reduced_motion="reduce") as watched:
+        watched.page.locator("input[type=file]").set_input_files(file)
+        watched.until(f"replay.world.name === '{file.stem}'")
+        watched.page.get_by_role("button", name="Race it").click()
+        watched.page.get_by_label("speed of the replay").select_option(rate)
+        yield watched
+
+
 def test_a_hand_drives_on_to_a_second_place_far_beyond_the_first(
     browser: Browser, files: dict[str, Path], tmp_path: Path
 ) -> None:
     """In a user's own scene, once all others have ended: who comes nearer to the star is never out."""
-    file = tmp_path / "far.json"
-    file.write_text('{"start": [0, 0, 0], "waypoints": [[1, 0]], "goal": [11, 0, 0]}')
-    with Watched(browser, files["demo"], viewport={"width": 1440, "height": 900}, reduced_motion="reduce") as watched:
+    far = '{"start": [0, 0, 0], "waypoints": [[1, 0]], "goal": [11, 0, 0]}'
+    with race(browser, files["demo"], tmp_path / "far.json", far, "4") as watched:
         tab = watched.page
-        tab.locator("input[type=file]").set_input_files(file)
-        watched.until("replay.world.name === 'far'")
-        tab.get_by_role("button", name="Race it").click()
-        tab.get_by_label("speed of the replay").select_option("4")
         tab.keyboard.down("ArrowUp")
         watched.until("drive.hand.actor.x.at(-1) > 1")
         tab.keyboard.up("ArrowUp")
@@ -497,14 +505,9 @@ def test_the_grey_beside_a_drawn_line_is_in_the_scene(browser: Browser, files: d
 
 
 def test_who_passes_the_ring_is_told_by_how_much(browser: Browser, files: dict[str, Path], tmp_path: Path) -> None:
-    file = tmp_path / "beside.json"
-    file.write_text('{"start": [0, 0, 0], "goal": [1.5, 0.3, 0], "position_tolerance": 0.2}')
-    with Watched(browser, files["demo"], viewport={"width": 1440, "height": 900}, reduced_motion="reduce") as watched:
+    beside = '{"start": [0, 0, 0], "goal": [1.5, 0.3, 0], "position_tolerance": 0.2}'
+    with race(browser, files["demo"], tmp_path / "beside.json", beside, "8") as watched:
         tab = watched.page
-        tab.locator("input[type=file]").set_input_files(file)
-        watched.until("replay.world.name === 'beside'")
-        tab.get_by_role("button", name="Race it").click()
-        tab.get_by_label("speed of the replay").select_option("8")
         tab.keyboard.down("ArrowUp")
         tab.locator(".card", has_text="You passed 10 cm from the ring").wait_for(timeout=60_000)
         tab.keyboard.up("ArrowUp")
