@@ -103,7 +103,8 @@ def entries(robot: str, kind: str) -> list[str]:
     """Returns who drives in a kind of scenes: each policy, and once more with gains that were searched for the base."""
     there = []
     for policy in KINDS[kind].policies:
-        found = policy in searched().get(robot, {}) or tuned_set(policy, KINDS[kind].contest.name, robot) is not None
+        chosen = searched().get(robot, {}).get(policy, {}).get("chosen")  # "default" where no set was better
+        found = chosen == "search" or tuned_set(policy, KINDS[kind].contest.name, robot) is not None
         there += [policy, policy + TUNED] if found else [policy]
     return there
 
@@ -210,12 +211,12 @@ Made by `python benchmarks/studies/hulls.py` from every episode, `hulls.csv.xz`.
 
 `disc_35` is a base with the drive of the MiR100 (1 m/s, 2 m/s², 0.1 s lag) and a disc of 0.35 m as its hull; `mir100`
 and `husky` have their own rectangles. Rows marked (tuned) have gains that `wayfield tune` found for the base on the
-training scenes of its class, with 1 M steps: those of discs are in `hulls_gains.json`, the others ship. The other rows
-have default gains, which were chosen with hulls of 0.3 m. `any_robot` is its seed 0, trained with hulls of 0.1 to
-0.6 m. Every base drives the first scenes of the claims split of its class, as many of each family, with the scan and
-the clock of the class, and lagged actuators. Brackets are 95 % intervals. Bases of one class meet the same scenes;
-classes are not compared with each other. The MiR100 has [a page of its own](goal-obstacles-mir100-claims.md) with 2,000
-scenes. Simulation only.
+training scenes of its class, with 1 M steps: those of discs are in `hulls_gains.json`, with the searches that found
+nothing better; the others ship. The other rows have default gains, which were chosen with hulls of 0.3 m. `any_robot`
+is its seed 0, trained with hulls of 0.1 to 0.6 m. Every base drives the first scenes of the claims split of its class,
+as many of each family, with the scan and the clock of the class, and lagged actuators. Brackets are 95 % intervals.
+Bases of one class meet the same scenes; classes are not compared with each other. The MiR100 has [a page of its
+own](goal-obstacles-mir100-claims.md) with 2,000 scenes. Simulation only.
 
 [All results](../results.md)
 """
@@ -230,7 +231,7 @@ def unsearched() -> str:
     for base in BASES:
         there = set(entries(base, "still"))
         for policy in SEEKERS:
-            if policy != AGENT and policy + TUNED not in there:
+            if policy not in (AGENT, *searched().get(base, {})) and policy + TUNED not in there:
                 lacking.setdefault(policy, []).append(f"`{base}`")
     parts = [f"`{policy}` for {', '.join(bases)}" for policy, bases in lacking.items()]
     return f"Without a search: {'; '.join(parts)}." if parts else ""
