@@ -58,7 +58,7 @@ class Draws {
       drive.clear();
       drive.editor.take(null);
     }
-    this.replay.show(world, robot, [], `${world.walks ? `${ABOUT_BODIES[world.kind]} ` : ""}${(world.patrols || []).some(([, , , , time]) => time > 0) ? "Grey discs are obstacles; those with a dashed line move along it. " : ""}New to the networks: they were trained in other scenes.`);
+    this.replay.show(world, robot, [], `${world.walks ? `${ABOUT_BODIES[world.kind]} ` : ""}${(world.patrols || []).some(([, , , , time]) => time > 0) ? "Grey discs are obstacles; those with a dashed line move along it. " : ""}`);
     if (!drive || this.silent) return;
     drive.go(false);
   }

@@ -108,11 +108,13 @@ class Race {
   asked(run) {
     const { replay } = this;
     const astray = Math.ceil((run.limit - run.away) * DT);
+    const first = run.out ? "You are out of the scene: turn back to the star" : this.near(run) ? "Bring your middle into the ring" : "";
     if (run.tape.length && run.away * DT > 0.5) {
       const rests = run.tape[run.tape.length - 1].every((each) => !each);
-      const what = run.out ? "You are out of the scene: turn back to the star" : this.near(run) ? "Bring your middle into the ring" : run.grows ? "This leads away: turn back" : rests ? "You are standing still: drive on" : "Come nearer to the star";
+      const what = first || (run.grows ? "This leads away: turn back" : rests ? "You are standing still: drive on" : "Come nearer to the star");
       return `${what}, or the run ends in ${astray} s.`;
     }
+    if (run.tape.length && first) return `${first}.`;
     if (run.tape.length && this.late) return "The others have ended. Drive on, or press “Race it” to start again.";
     const omni = run.simulator.body.axes.length > 2;
     const seen = Math.sin(run.actor.heading[0]) < -0.3 ? ", as the robot sees it" : ""; // it faces down the screen
