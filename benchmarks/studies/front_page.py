@@ -101,8 +101,8 @@ _TASKS: tuple[tuple[str, str, str, str, str, tuple[tuple[str, str, str], ...]], 
 CROWDS = {  # of the parts those of equal inputs, and in the crowds of others, as README calls them
     "in the open, lidar only": "for teams in the open",
     "at doors and in rooms, lidar only": "for teams at doors and in rooms",
-    "on CrowdNav's test cases": "in the CrowdNav benchmark",
-    "in AttnGraph's crowd": "in the AttnGraph benchmark",
+    "on CrowdNav's test cases": "in CrowdNav's crowds",
+    "in AttnGraph's crowd": "in AttnGraph's crowds",
 }
 TASKS = len(_TASKS) + 1
 _SECTIONS = (
@@ -302,7 +302,7 @@ def _count(shown_panels: Sequence[Panel]) -> str:
     ties = len(outcomes) - len(won) - len(lost) - alike
     which = [f"{camp} win {_listed(each)}. " for camp, each in (("Controllers", won), ("Agents", lost)) if each]
     return (
-        f"**Controllers win {wins} of {len(outcomes)} kinds of scenes, trained agents {losses}.** "
+        f"**Controllers win {wins} of {len(outcomes)} kinds of scenes, agents {losses}.** "
         + "".join(which)
         + f"In {ties}, neither wins (no significant difference, corrected for multiple comparisons); in {alike}, "
         "they are equivalent (negligible difference)."
