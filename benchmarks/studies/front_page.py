@@ -101,8 +101,8 @@ _TASKS: tuple[tuple[str, str, str, str, str, tuple[tuple[str, str, str], ...]], 
 CROWDS = {  # of the parts those of equal inputs, and in the crowds of others, as README calls them
     "in the open, lidar only": "for teams in the open",
     "at doors and in rooms, lidar only": "for teams at doors and in rooms",
-    "on CrowdNav's test cases": "in CrowdNav's crowds",
-    "in AttnGraph's crowd": "in AttnGraph's crowds",
+    "on CrowdNav's test cases": "in CrowdNav's crowds of 5",
+    "in AttnGraph's crowd": "in AttnGraph's crowds of 20",
 }
 TASKS = len(_TASKS) + 1
 _SECTIONS = (
