@@ -101,8 +101,8 @@ _TASKS: tuple[tuple[str, str, str, str, str, tuple[tuple[str, str, str], ...]], 
 CROWDS = {  # of the parts those of equal inputs, and in the crowds of others, as README calls them
     "in the open, lidar only": "for teams in the open",
     "at doors and in rooms, lidar only": "for teams at doors and in rooms",
-    "on CrowdNav's test cases": "in CrowdNav's crowds of 5",
-    "in AttnGraph's crowd": "in AttnGraph's crowds of 20",
+    "on CrowdNav's test cases": "in crowds of 5 (CrowdNav)",
+    "in AttnGraph's crowd": "in crowds of 20 (AttnGraph)",
 }
 TASKS = len(_TASKS) + 1
 _SECTIONS = (
@@ -326,9 +326,9 @@ def figure(shown_panels: Sequence[Panel]) -> bytes:
         drawn = Figure((9.6, 9.0))
         for axes, panel in zip(drawn.subplots(2, 2).flat, shown_panels, strict=False):
             _draw(axes, panel)
-        keys = {"best controller": CONTROLLER, "best trained agent": AGENT, "bold: wins; \u2248: equivalent": "none"}
+        keys = {"best controller": CONTROLLER, "best trained agent": AGENT, "bold: wins; \u2248: equivalent; whiskers: 95 %": "none"}
         handles = [Patch(color=of, label=label) for label, of in keys.items()]
-        drawn.legend(handles=handles, loc="lower center", ncols=3, fontsize=16)
+        drawn.legend(handles=handles, loc="lower center", ncols=3, fontsize=14, columnspacing=0.8, handlelength=1.5)
         drawn.tight_layout(rect=(0.0, 0.05, 1.0, 1.0), h_pad=2.0, w_pad=3.0)
         file = io.BytesIO()
         drawn.savefig(file, format="png", dpi=100)
