@@ -270,7 +270,7 @@ def _sentence(panel: Panel, match: Match) -> str:
     words = {
         EQUIVALENT: f"{{}} and {{}} are equivalent in {of} {{where}}",
         **dict.fromkeys((AHEAD, BEHIND), "{} is ahead of {}, but not significantly, {where}"),
-        OPEN: "{} and {} tie {where}",
+        OPEN: "neither {} nor {} wins {where}",
     }.get(match.outcome, win)
     where = f"on {match.where}" if panel.unit == "mm" and words != panel.win else match.where
     return f"{words.format(*names, where=where)} ({numbers}){match.ppo}"
@@ -326,7 +326,8 @@ def figure(shown_panels: Sequence[Panel]) -> bytes:
         drawn = Figure((9.6, 9.0))
         for axes, panel in zip(drawn.subplots(2, 2).flat, shown_panels, strict=False):
             _draw(axes, panel)
-        keys = {"best controller": CONTROLLER, "best trained agent": AGENT, "bold: wins; \u2248: equivalent; whiskers: 95 %": "none"}
+        marks = "bold: wins; \u2248: equivalent; whiskers: 95 %"
+        keys = {"best controller": CONTROLLER, "best trained agent": AGENT, marks: "none"}
         handles = [Patch(color=of, label=label) for label, of in keys.items()]
         drawn.legend(handles=handles, loc="lower center", ncols=3, fontsize=14, columnspacing=0.8, handlelength=1.5)
         drawn.tight_layout(rect=(0.0, 0.05, 1.0, 1.0), h_pad=2.0, w_pad=3.0)
