@@ -304,7 +304,7 @@ def _count(shown_panels: Sequence[Panel]) -> str:
     return (
         f"**Controllers win {wins} of {len(outcomes)} kinds of scenes, agents {losses}.** "
         + "".join(which)
-        + f"In {ties}, neither wins (no significant difference, corrected for multiple comparisons); in {alike}, "
+        + f"In {ties}, they tie (no significant difference, corrected for multiple comparisons); in {alike}, "
         "they are equivalent (negligible difference)."
     )
 
