@@ -197,8 +197,12 @@ def test_the_opening_tells_what_the_results_found() -> None:
     assert rival.endswith(" tuned`")
     assert f"In {scenes} scenes with people" in demo.SENTENCE
     assert (
-        f"in {float(solved.split()[0]):.0f} %, a tuned controller in {float(best):.0f} %: a {outcome}." in demo.SENTENCE
+        f"arrives in {float(solved.split()[0]):.0f} % and {demo.NAMES[rival.split()[0].strip('`')][0]}, a tuned"
+        in demo.SENTENCE
     )
+    assert f"in {float(best):.0f} %: a {outcome}." in demo.SENTENCE
+    names = list(demo.scenes().values())
+    assert len(set(names)) == len(names)
 
 
 def test_the_demo_is_one_file_within_its_budget_that_asks_for_nothing(tmp_path: Path) -> None:

@@ -410,7 +410,7 @@ def test_a_race_has_a_result_and_its_link_carries_the_run(browser: Browser, file
             timeout=60_000
         )  # it comes back once the film has ended
         assert other.evaluate("drive.runs.length") == 5  # three rivals, the ghost, and another hand
-        assert "Gold for the first of 4" in other.locator(".sentence").inner_text()  # a ghost takes no medal
+        assert other.evaluate("drive.race.limits") == tab.evaluate("drive.race.limits")  # a ghost takes no medal
         tab.keyboard.up("ArrowUp")
         tab.keyboard.press("r")
         assert "clock waits for your first press" in tab.locator(".sentence").inner_text()
@@ -512,6 +512,83 @@ def test_who_passes_the_ring_is_told_by_how_much(browser: Browser, files: dict[s
         tab.locator(".card", has_text="You passed 10 cm from the ring").wait_for(timeout=60_000)
         tab.keyboard.up("ArrowUp")
         assert watched.errors == []
+
+
+def test_gold_is_the_quickest_controller_bronze_a_quarter_more_and_silver_half_way(
+    browser: Browser, files: dict[str, Path]
+) -> None:
+    with Watched(browser, files["demo"], viewport={"width": 1440, "height": 900}, reduced_motion="reduce") as watched:
+        tab = watched.page
+        tab.evaluate("drive.race.open(0)")
+        watched.until(DRIVEN.replace("=>", "=> run === drive.hand ||"))
+        times = tab.evaluate("drive.runs.filter((run) => !run.pending).map(({ actor }) => (actor.x.length - 1) * DT)")
+        gold, silver, bronze = tab.evaluate("drive.race.limits")
+        assert gold == min(times[:-1])
+        assert (bronze, silver) == (math.ceil(round(1.25 * gold, 6)), 0.5 * (gold + bronze))
+        told = [f"{each:.2f}\N{NO-BREAK SPACE}s" for each in (gold, silver, bronze)]
+        assert all(each in tab.locator(".sentence").inner_text() for each in told)
+        # a time of one's own, and its medal
+        ended = """(time) => {
+          const { hand: run, race } = drive;
+          for (const name of ["x", "y", "heading"]) run.actor[name] = Array(Math.round(time / DT) + 1).fill(0);
+          [run.actor.outcome, run.tape] = ["success", run.actor.x.slice(1)];
+          race.over(run);
+          return race.card.innerText;
+        }"""
+        pairs = zip(
+            (gold, silver, bronze, 60.0), ("Gold medal", "Silver medal", "Bronze medal", "No medal"), strict=True
+        )
+        for time, medal in pairs:
+            card = tab.evaluate(ended, math.floor(time / 0.05 + 1e-6) * 0.05)
+            assert medal in card
+            assert all(each in card for each in [*told, "1.25"])
+
+
+def test_who_stands_still_to_the_end_is_stuck_since_then_in_the_list_and_one_thing_scrolls(
+    browser: Browser, files: dict[str, Path]
+) -> None:
+    with Watched(browser, files["demo"], viewport={"width": 1280, "height": 800}, reduced_motion="reduce") as watched:
+        tab = watched.page
+        tab.evaluate("drive.all()")
+        tab.evaluate("""() => {
+          drive.editor.change((world) => {
+            const { start: [ax, ay], goal: [bx, by] } = world;
+            const far = Math.hypot(bx - ax, by - ay);
+            const middle = [0.5 * (ax + bx), 0.5 * (ay + by)];
+            world.obstacles = [[...middle, (bx - ax) / far, (by - ay) / far, 0.1, 50, 0, 0]]; // no way around
+          });
+          drive.changed(true);
+          drive.pump(60000);
+          replay.seek(replay.last);
+        }""")
+        stuck = tab.evaluate(
+            "replay.actors.filter(({ outcome }) => outcome === 'stuck').map(({ x, y, end }) => [[...x], [...y], end])"
+        )
+        assert stuck
+        for x, y, end in stuck:
+            (since,) = (float(each) for each in end.removesuffix(" s").split("since ")[1:])
+            away = np.hypot(np.array(x) - x[-1], np.array(y) - y[-1]) >= ROBOTS["p3dx"].hull_radius
+            assert np.max(np.flatnonzero(away) + 1, initial=0) * 0.05 == pytest.approx(since)
+            assert tab.locator(".actors small", has_text=end).count() > 0
+        scrolls = """[...document.querySelectorAll(".side *")].filter((each) =>
+          each.scrollHeight > each.clientHeight + 1 && /auto|scroll/.test(getComputedStyle(each).overflowY)).length"""
+        assert tab.evaluate(f"[{scrolls}, replay.list.children.length > 8]") == [0, True]
+        assert watched.errors == []
+
+
+def test_the_hand_is_seen_among_robots_on_the_same_spot(browser: Browser, files: dict[str, Path]) -> None:
+    with Watched(browser, files["demo"], viewport={"width": 1280, "height": 800}, reduced_motion="reduce") as watched:
+        tab = watched.page
+        by_hand(tab)
+        tab.evaluate("replay.choose(replay.actors[0])")  # one that stands there too
+        nose = """() => {
+          const { context, centre: [cx, cy], pixels, ratio, width, height } = replay.view;
+          const { x, y } = drive.hand.actor;
+          const at = [ratio * (width / 2 + (x[0] - cx) * pixels), ratio * (height / 2 - (y[0] - cy) * pixels)];
+          const [red, green, blue] = context.getImageData(...at.map(Math.round), 1, 1).data;
+          return [red, green, blue].map((each) => each.toString(16).padStart(2, "0")).join("");
+        }"""
+        assert f"#{tab.evaluate(nose)}" == tab.evaluate("ink(colourName(KEYBOARD))")
 
 
 def test_a_best_time_is_shown_and_an_easier_run_is_marked_and_is_none(browser: Browser, files: dict[str, Path]) -> None:
@@ -836,15 +913,18 @@ def test_a_scene_that_a_link_holds_plays_and_keeps_what_was_put_there(browser: B
 
 
 def test_what_is_shown_is_recorded(browser: Browser, files: dict[str, Path], tmp_path: Path) -> None:
-    with Watched(browser, files["demo"], viewport={"width": 1280, "height": 800}) as watched:
+    with Watched(browser, files["demo"], viewport={"width": 390, "height": 844}) as watched:
         watched.page.evaluate("drive.add({ label: 'vfh_plus' }); drive.pump(20000)")
         with watched.page.expect_download() as download:
             watched.page.get_by_role("button", name="record").click()
             watched.page.wait_for_timeout(1000)
+            watched.page.evaluate("scrollTo(0, 1e5)")
             watched.page.get_by_role("button", name="stop recording").click()
         download.value.save_as(tmp_path / "film.webm")
         assert 0 < (tmp_path / "film.webm").stat().st_size < 3e6 / 4.0
-        assert "wayfield.webm" in watched.page.locator(".sentence").inner_text()
+        assert "wayfield.webm" in watched.page.locator(".noted").inner_text()
+        assert inside(box_of(watched.page, ".noted"), (0, 0, 390, 844))  # wherever the page is scrolled to
+        watched.page.evaluate("scrollTo(0, 0)")
         watched.page.evaluate("replay.pace(8); replay.seek(replay.last)")
         with watched.page.expect_download(timeout=60_000) as download:  # from its start to its end, by itself
             watched.page.get_by_role("button", name="record").click()
@@ -863,6 +943,7 @@ def test_what_is_shown_is_recorded(browser: Browser, files: dict[str, Path], tmp
             watched.page.get_by_role("button", name="Simulator", exact=True).click()
         assert watched.page.evaluate("replay.step === replay.last")
         # before the first press of a race it waits with the clock
+        watched.page.set_viewport_size({"width": 1280, "height": 800})
         watched.page.get_by_role("button", name="Race it").click()
         watched.page.get_by_role("button", name="record").click()
         watched.page.wait_for_timeout(500)

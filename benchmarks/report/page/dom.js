@@ -23,6 +23,15 @@ function say(text) {
   byId("said").textContent = text;
 }
 
+// What has come of something that one waited for, wherever the page has been scrolled to.
+function noted(text) {
+  const note = el("p", { class: "noted" }, text);
+  for (const each of document.querySelectorAll(".noted")) each.remove();
+  document.body.append(note);
+  setTimeout(() => note.remove(), 8000);
+  say(text);
+}
+
 function problem(text) {
   const place = byId("problem");
   place.textContent = text;
@@ -80,13 +89,15 @@ function downloaded(blob, name) {
 
 // By the name that Python has: what is shown instead, and what it does in a phrase; the payload of the demo tells them.
 const NAMES = {};
-const OWN = { trained: "", tuned: ", tuned", "hand-tuned": ", tuned by hand", paper: ", paper's values" }; // gains
+const OWN = { trained: "", tuned: ", tuned", "hand-tuned": ", hand-tuned", paper: ", paper's gains" };
+const TUNED = "Tuned: gains (a controller's settings) found by a search; hand-tuned: by a person.";
 
-// A policy's label as it is shown.
-function called(label) {
+// A policy's label as it is shown, among those that drive there.
+function called(label, able = []) {
   if (label === KEYBOARD) return "you";
   const [, base, gains] = label.match(/^(\w+)(?: \((.*)\))?$/) || [];
-  return base in NAMES ? `${NAMES[base][0]}${OWN[gains] ?? ""}` : label;
+  const twin = !gains && able.some((each) => each.startsWith(`${base} (`) && !each.endsWith("(trained)"));
+  return base in NAMES ? `${NAMES[base][0]}${twin ? ", default gains" : OWN[gains] ?? ""}` : label;
 }
 
 // What a policy does, in a phrase; "" of one that nobody describes.

@@ -9,6 +9,8 @@ const WAITED = 50; // ms, of a frame that waits for it
 const IDLE = 14; // ms at a time while nothing plays
 const AHEAD = 3000; // ms to catch up at once
 const [OUT, LOST] = [3, 12]; // s: out of the scene without coming nearer, in it without coming nearer than ever
+const JAM = 10; // s: who stands still at least so long until the time is over is stuck
+const UNENDED = { crashed: 0, stuck: Infinity, end: "", there: false }; // of a run: steps, words, whether its first robot of a team arrived
 const LEAD = 40; // steps that all who drive are ahead of the picture
 const REASONS = [["mpc", "solves its problem with OSQP"], ["ppo", ""], ["agent", ""],
   ["nav2", "keeps a cost map that the page does not carry"], ["central", "plans for all at once, in Python"], ...["team_guided", "team_scan", "people_free", "any_robot"].map((each) => [each, "its weights are not in this file"])]; // why not here
@@ -76,9 +78,10 @@ class Drive {
     this.share = new Share(this);
     this.race = new Race(this);
     this.developersPart = el("details", { class: "drive" }, el("summary", {}, "For developers"),
-      el("div", { class: "files" }, button("copy Python", () => this.share.python()), this.editor.files), this.named,
-      el("p", { class: "note" }, "A scenario file can be dropped on the picture, an image of a map (dark is what stands there), or the data sheet of a differential drive. ",
-        "Those that are shown together do not see or hit each other. Without disturbance, runs are those of Python to the last bit; disturbed runs draw the page's own noise."), this.gains.part, this.cannot);
+      el("div", { class: "files" }, button("copy Python", () => this.share.python()), this.editor.files), this.named, this.gains.part,
+      el("details", {}, el("summary", {}, "Files and exactness"), ["Drop on the picture, or open: a scenario, an image of a map (dark: obstacles), or a differential drive's data sheet.",
+        "Runs without disturbance are those of Python to the last bit; disturbed runs have other noise. Robots shown together do not see or hit each other."].map((each) => el("p", { class: "note" }, each))),
+      el("details", {}, el("summary", {}, "What the page cannot drive"), this.cannot));
     replay.side.append(this.share.part, this.editor.part, this.conditionsPart, this.developersPart);
     for (const part of replay.side.querySelectorAll("details")) part.addEventListener("toggle", () => { if (part.open && part.matches(":focus-within")) part.scrollIntoView({ block: "nearest" }); });
     replay.listeners.push(() => this.offer());
@@ -93,7 +96,6 @@ class Drive {
     replay.driven = (event, down) => this.key(event, down);
     replay.races = () => this.drives;
     replay.poised = () => this.drives && !this.hand.tape.length && !replay.playing;
-    replay.saved = (text) => (this.race.sentence && !this.drives ? this.race.headline(text) : (this.result.textContent = text));
     replay.halts = () => {
       if (this.drives && this.hand.tape.length) this.hand.halted = true;
       this.race.back();
@@ -148,12 +150,12 @@ class Drive {
     const able = this.able();
     const shown = this.runs.find((run) => run.actor === replay.chosen); // who is looked at is who is chosen
     const before = shown && able.includes(shown.asked.label) ? shown.asked.label : who.value;
-    who.replaceChildren(...able.map((each) => el("option", { value: each, title: aboutOf(each) }, called(each))));
+    who.replaceChildren(...able.map((each) => el("option", { value: each, title: aboutOf(each) }, called(each, able))));
     who.value = able.includes(before) ? before : this.usual(able);
     const others = replay.told.demo ? (replay.told.demo.unable || {})[replay.world.kind] || [] : [];
     const unable = [...new Set([...replay.actors.filter((actor) => actor.told && !able.includes(actor.policy)).map((actor) => actor.policy), ...others])];
     const reason = (label) => (REASONS.find(([start]) => label.startsWith(start)) || ["", "decides in NumPy"])[1];
-    this.cannot.textContent = unable.length ? `Cannot drive in the page: ${unable.map((each) => `${each}${reason(each) ? ` (${reason(each)})` : ""}`).join(", ")}.${this.free ? ` ${replay.told.demo.absent}` : ""}` : "";
+    this.cannot.textContent = unable.length ? `Here: ${unable.map((each) => `${each}${reason(each) ? ` (${reason(each)})` : ""}`).join(", ")}.${this.free ? ` ${replay.told.demo.absent}` : ""}` : "";
     const known = Object.keys(this.kernels.tables.pilots).filter((key) => key.startsWith(`${this.task} `)).map((key) => key.split(" ")[3]);
     const elsewhere = [...new Set(known)].filter((name) => !able.some((label) => label.split(" ")[0] === name));
     if (elsewhere.length) this.cannot.textContent += ` With another robot: ${elsewhere.join(", ")}.`;
@@ -167,7 +169,8 @@ class Drive {
   // Who is chosen, in a phrase, and for Python.
   describe() {
     const { who: { value }, replay: { world } } = this;
-    this.about.textContent = aboutOf(value);
+    const tuned = [value, ...this.runs.map(({ asked }) => asked.label)].some((each) => each.includes("tuned"));
+    this.about.textContent = [aboutOf(value), tuned && TUNED].filter(Boolean).join(". ");
     this.named.textContent = `In Python: ${value}${world.seed === undefined ? "" : ` in ${world.family}, no. ${world.seed}`}.`;
     this.gains.offer();
   }
@@ -424,7 +427,7 @@ class Drive {
     const { from, step, conditions, label, gains } = run.asked;
     const simulator = new Simulator(this.kernels, replay.world, conditions);
     try {
-      const draft = { x: [], y: [], heading: [], error: replay.world.kind === "path" ? [] : null, others: [] };
+      const draft = { x: [], y: [], heading: [], error: replay.world.kind === "path" ? [] : null, others: [], ...UNENDED };
       const note = this.again(simulator, run.asked);
       if (from) for (let k = 0; k < step; k++) this.note(draft, [from.x[k], from.y[k], from.heading[k]], from.error ? from.error[k] : 0, from.others.map(({ x, y }) => [x[k], y[k]]));
       this.note(draft, simulator.pose, this.errorOf(simulator), simulator.others);
@@ -488,9 +491,10 @@ class Drive {
   tick(run, simulator, twist, target) {
     const flags = simulator.step(twist);
     this.note(target, simulator.pose, this.errorOf(simulator), simulator.others);
+    if (!target.crashed && simulator.ends.includes("collision")) target.crashed = target.x.length - 1;
     const over = run === this.hand ? this.astray(run) : target.x.length - 1 === run.asked.step + run.tape.length; // a tape's end
     if (!flags.ended && !over && target.x.length <= (this.replay.world.steps || 2400)) return false;
-    this.finish(run, target, flags.success ? "success" : flags.collision ? "collision" : flags.left_corridor ? "left_corridor" : over ? (this.outside(run, simulator) ? "left" : "stopped") : "timeout");
+    this.finish(run, target, flags.success ? "success" : flags.collision ? "collision" : flags.left_corridor ? "left_corridor" : over ? (this.outside(run, simulator) ? "left" : "stopped") : "timeout", simulator);
     return true;
   }
 
@@ -517,17 +521,35 @@ class Drive {
     return run.away > run.limit;
   }
 
-  finish(run, target, outcome) {
+  // How a run ended that did not arrive: of a team how many robots crashed, and who stood still for the rest of the time.
+  ending(target, { alive, ends }) {
+    const last = target.x.length - 1;
+    const still = ({ x, y }) => {
+      let k = last;
+      while (k && Math.hypot(x[k - 1] - x[last], y[k - 1] - y[last]) < HULLS[this.replay.robot]) k -= 1;
+      return k;
+    };
+    const since = [target, ...target.others].slice(0, alive.length).map((each, row) => (alive[row] ? still(each) : last)).filter((k) => last - k >= JAM / DT);
+    const crashed = ends.filter((each) => each === "collision").length;
+    const all = ends.length;
+    const stuck = since.length ? Math.max(...since) : Infinity;
+    const parts = [[all > 1 && crashed, `crashed${crashed > 1 ? ", the first" : ""} after`, target.crashed], [since.length, "stuck since", stuck]].filter(([count]) => count);
+    const told = parts.map(([count, how, k], nth) => `${all === 1 ? "" : count === all ? `all ${all} robots ` : `${count}${nth ? "" : ` of ${all} robots`} `}${how} ${(k * DT).toFixed(2)} s`);
+    return { there: ends[0] === "success", stuck: crashed ? Infinity : stuck, end: told.join("; ") };
+  }
+
+  finish(run, target, outcome, simulator) {
     const { actor } = run;
     if (target !== actor) Object.assign(actor, target, { version: actor.version + 1 });
-    actor.outcome = outcome;
+    Object.assign(actor, { outcome }, outcome === "success" || run.tape.length ? {} : this.ending(actor, simulator));
+    if (outcome === "timeout" && actor.stuck < Infinity) actor.outcome = outcome = "stuck";
     run.pending = actor.stale = false;
     run.measures = this.measured(actor);
-    actor.note = [run.exact, `${run.measures.time.toFixed(2)} s`, run.measures.error === null || outcome !== "success" ? "" : `typically ${short(1000 * run.measures.error)} mm off`].filter(Boolean).join(", ");
+    actor.note = [run.exact, !actor.end && `${run.measures.time.toFixed(2)} s`, run.measures.error === null || outcome !== "success" ? "" : `typically ${short(1000 * run.measures.error)} mm off`].filter(Boolean).join(", ");
     if (run === this.hand && this.replay.leads) this.replay.whole();
     if (run === this.hand) this.race.over(run);
     else this.race.tell();
-    if (run === this.hand || this.runs.length === 1) say(`${actor.label}: ${OUTCOMES[outcome]} after ${run.measures.time.toFixed(2)} s.`);
+    if (run === this.hand || this.runs.length === 1) say(`${actor.label}: ${actor.end || `${OUTCOMES[outcome]} after ${run.measures.time.toFixed(2)} s`}.`);
     this.replay.listActors();
     this.gains.compare();
   }
@@ -637,7 +659,7 @@ class Drive {
     }
     for (const run of this.runs) if (run.asked.label !== KEYBOARD || run.tape.length) {
       run.pending = run.actor.stale = true;
-      run.actor.outcome = run.actor.note = "";
+      Object.assign(run.actor, UNENDED, { outcome: "", note: "" });
       if (anew) this.placed(run);
     }
     this.catchUp();

@@ -197,7 +197,7 @@ class Looks {
     this.replay = drive.replay;
     this.on = false;
     this.sides = [0, 1].map(() => ({ shadow: null, kernels: null })); // of the two panes
-    this.button = button("show its thinking", () => (this.on || this.button.ariaDisabled !== "true" ? this.turn(!this.on) : (this.drive.result.textContent = this.button.title)), { "aria-pressed": "false", class: "kept" });
+    this.button = button("show its thinking", () => this.turn(!this.on), { "aria-pressed": "false", class: "kept" });
     this.legend = el("p", { class: "hint", hidden: true });
     this.replay.scanButton.after(this.button);
     this.replay.words.append(this.legend);
@@ -310,10 +310,8 @@ class Looks {
     const { replay, replay: { other } } = this;
     const shown = [found, other && this.run(other)].filter(Boolean); // of either pane
     const told = [...new Set(shown.map(({ run, look }) => `${run.actor.label}: ${look.title}`))].join("; ");
-    const text = shown.length ? "show its thinking" : "no thinking to draw";
-    if (this.button.textContent !== text) this.button.textContent = text;
-    this.button.setAttribute("aria-disabled", !shown.length);
-    this.button.title = told || "Choose a run in the list: the page can draw what most controllers and networks look at, not what you or a friend think.";
+    this.button.hidden = !shown.length; // nor has the hand any that could be drawn
+    this.button.title = told;
     this.legend.hidden = !(this.on && shown.length);
     this.legend.textContent = `What is drawn: ${told}`;
   }

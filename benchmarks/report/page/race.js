@@ -3,6 +3,7 @@
 const RIVALS = ["astar_tracker", "vfh_plus", "reeds_shepp", "orca_team", "polar", "dwa", "lqr", "pure_pursuit"];
 const BEST = "wayfield best times"; // in the browser's storage
 const MEDALS = ["gold", "silver", "bronze"];
+const WITHIN = 1.25; // of the quickest controller's time, in whole seconds: bronze
 const ENDED = { success: "Finished in", collision: "Crashed after", left_corridor: "Off the path after", timeout: "Out of time:", left: "Drove off after", stopped: "Stopped after" };
 const ABOUT = "Beat controllers and a trained network by hand, or watch them drive.";
 const ASKED = { path: "Follow the path to the star", dock: "Park on the star, facing the way its line points" };
@@ -119,8 +120,9 @@ class Race {
     const omni = run.simulator.body.axes.length > 2;
     const seen = Math.sin(run.actor.heading[0]) < -0.3 ? ", as the robot sees it" : ""; // it faces down the screen
     const turn = coarse() ? `hold “ahead”${omni ? ", “go left” or “go right”" : `, turn by “left” and “right”${seen}`}` : `hold ↑, turn by ← and →${seen}${omni ? "; A and D go sideways" : ""}`;
+    const { limits } = this;
     const [count, found] = [replay.actors.filter(({ ghost, policy }) => !ghost && policy !== GHOST).length, this.best[this.now < 0 ? "" : this.key(this.now)]];
-    const prize = `${count > 1 ? `Gold for the first of ${count}. ` : ""}${found ? `Your best: ${found.time.toFixed(2)} s. ` : ""}`;
+    const prize = `${limits && limits[0] < Infinity ? `${MEDALS.map((each, k) => `${each} ${replay.scored(limits[k])}`).join(", ")}. `.replace("g", "G") : ""}${found ? `Your best: ${found.time.toFixed(2)} s. ` : ""}`;
     return `${ASKED[replay.world.path ? "path" : replay.world.kind] || "Drive to the star"}: ${turn}. ${run.tape.length ? count > 1 ? `You pass through the other racers${replay.world.bodies ? `; each has its own ${companyOf(replay.world)}` : ""}.` : "" : `${prize}The clock waits for your first press.`}`;
   }
 
@@ -138,6 +140,24 @@ class Race {
     const off = outcome !== "success" && this.near(run, true);
     const text = { left: `For ${OUT} s you were out of the scene and came no nearer to the star.`, stopped: `The others had ended, and for ${LOST} s you came no nearer to the star.` }[outcome] || "";
     return `${text}${off ? ` You passed ${Math.max(Math.round(100 * off), 1)} cm from the ring: your middle must be in it.` : ""}`.trim();
+  }
+
+  // What the medals need, gold first, in what runs are compared by; null while the quickest controller is not known.
+  get limits() {
+    const { replay } = this;
+    const rivals = replay.actors.filter(({ ghost, policy }) => !ghost && ![KEYBOARD, GHOST].includes(policy));
+    const gold = Math.min(...rivals.filter(({ outcome }) => outcome === "success").map((each) => replay.score(each)));
+    if (!rivals.length || rivals.some(({ outcome, x }) => !outcome && (replay.byError || (x.length - 1) * DT <= gold))) return null;
+    const bronze = replay.byError ? WITHIN * gold : Math.ceil((WITHIN * gold).toFixed(6)); // whole seconds
+    return [gold, 0.5 * (gold + bronze), bronze];
+  }
+
+  // And in words, with the rule.
+  get rule() {
+    const { limits, replay } = this;
+    if (!limits) return "";
+    const [gold, silver, bronze] = limits.map((each) => replay.scored(each));
+    return limits[0] < Infinity ? `Gold: ${gold} (${replay.byError ? "closest" : "quickest"} controller), silver: ${silver} (half way), bronze: ${bronze} (${WITHIN} × gold).` : "No controller arrives: any finish is gold.";
   }
 
   // The first challenge without a medal.
@@ -164,7 +184,7 @@ class Race {
     const { replay, drive: { runs } } = this;
     if (!runs.length || !runs.every(({ actor }) => replay.tells(actor) && replay.step >= actor.x.length - 1)) return "";
     if (runs.length > 2) return `${runs.filter(({ actor }) => actor.outcome === "success").length} of ${runs.length} arrived.`;
-    return `${runs.map(({ actor }) => `${actor.label} ${OUTCOMES[actor.outcome]}`).join(", ")}.`;
+    return `${runs.map(({ actor }) => `${actor.label} ${actor.end || OUTCOMES[actor.outcome]}`).join(", ")}.`;
   }
 
   // Along a path that was drawn: who kept to it best, once all have driven it.
@@ -173,8 +193,7 @@ class Race {
     if (replay.world.kind !== "path" || replay.world.name !== "drawn" || runs.length < 2 || !runs.every(({ actor }) => replay.tells(actor))) return "";
     const there = runs.filter(({ actor }) => actor.outcome === "success").sort((a, b) => a.measures.error - b.measures.error);
     const [first] = replay.ranked(there.map(({ actor }) => actor));
-    const named = ({ label }) => `${label}${runs.some(({ actor }) => actor.label.startsWith(`${label},`)) ? " with standard settings" : ""}`;
-    return there.length ? `Fastest: ${named(first)}, ${replay.result(first)}. Closest to your line: ${named(there[0].actor)}, typically ${short(1000 * there[0].measures.error, 2)} mm off. ${there.length} of ${runs.length} arrived.` : "None got to the end of your line.";
+    return there.length ? `Fastest: ${replay.nameOf(first)} (${replay.result(first)}). Closest to your line: ${replay.nameOf(there[0].actor)}, typically ${short(1000 * there[0].measures.error)} mm off. ${there.length} of ${runs.length} arrived.` : "None got to the end of your line.";
   }
 
   get best() {
@@ -313,6 +332,7 @@ class Race {
   // The result, large in the picture: the place, who came when, what a better medal needs; again as each of the others ends.
   tell(told = "") {
     const { run, drive, replay } = this;
+    if (!run && drive.drives && !drive.hand.tape.length) this.watch(); // what the medals need is known
     if (!run) return;
     const steps = ({ x }) => x.length - 1;
     const friend = replay.actors.find(({ policy }) => policy === GHOST);
@@ -322,13 +342,10 @@ class Race {
     const there = replay.ranked(rivals.filter(arrived));
     const settled = rivals.every((actor) => actor.outcome || steps(actor) > steps(run.actor));
     const place = arrived(run.actor) && settled ? there.filter((each) => replay.rank(each) < replay.rank(run.actor)).length : -1;
-    const medal = rivals.length && place >= 0 ? MEDALS[place] || "" : "";
+    const medal = !rivals.length || place < 0 ? "" : MEDALS[place && this.limits.findIndex((each) => replay.rank(run.actor) <= each)] || "";
     const eased = easedBy(run);
     const best = this.nth < 0 ? "" : this.record(run, eased);
     if (place >= 0 && !eased) this.keep(steps(run.actor) * DT, medal);
-    // the better medals
-    const wanted = rivals.every(({ outcome }) => outcome) ? Array.from({ length: Math.min(place < 0 ? 3 : place, 3, rivals.length) }, (_, k) => k) : [];
-    const better = wanted.map((k) => `${MEDALS[k]}: ${there[k] ? replay.result(there[k]) : "any finish"}`);
     const order = replay.ranked(field);
     const shown = order.length > 6 ? order.filter((actor, k) => k < 4 || actor === run.actor) : order;
     const rows = shown.map((actor) => el("li", { class: actor === run.actor ? "mine" : "" }, el("span", {}, actor === run.actor ? "you" : actor.label.replace(/ \(.*\)/, "")), el("span", {}, arrived(actor) ? replay.result(actor) : (OUTCOMES[actor.outcome] || "still driving").replace("ran ", ""))));
@@ -340,7 +357,7 @@ class Race {
       this.why(run) ? el("p", { class: "needed" }, this.why(run)) : null,
       eased ? el("p", { class: "needed" }, `Driven ${eased}${this.nth < 0 ? "." : ": this does not count as a best time."}`) : null,
       best ? el("p", { class: "needed" }, best) : null,
-      rivals.length ? el("ol", { class: "order" }, rows, shown.length < order.length ? el("li", {}, el("span", {}, `and ${order.length - shown.length} others`), el("span")) : null) : null, friend ? el("p", { class: "needed" }, this.beside(run.actor, friend)) : null, better.length ? el("p", { class: "needed" }, `Needed for ${better.join(", ")}.`) : null,
+      rivals.length ? el("ol", { class: "order" }, rows, shown.length < order.length ? el("li", {}, el("span", {}, `and ${order.length - shown.length} others`), el("span")) : null) : null, friend ? el("p", { class: "needed" }, this.beside(run.actor, friend)) : null, this.rule ? el("p", { class: "needed" }, this.rule) : null,
       el("div", { class: "files" }, button(coarse() ? "Try again" : "Try again (R)", () => this.again(), { class: forward ? null : "go" }), next < this.challenges.length ? button(this.nth < 0 ? `Challenge ${next + 1}: ${this.challenges[next].name}` : "Next challenge", () => this.open(next), { class: forward }) : null,
         button("Copy a link to race this run", async () => {
           this.tell(await drive.share.link());

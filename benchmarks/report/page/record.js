@@ -34,7 +34,7 @@ function framed(film, { board, canvas, beside, chosen, other, actors, step }) {
     context.fillStyle = ink("--ink");
     context.fillText(text, x, y);
   };
-  const result = ({ label, outcome, x }) => `${label}${outcome && step >= x.length - 1 ? `: ${OUTCOMES[outcome]}, ${((x.length - 1) * DT).toFixed(2)} s` : ""}`;
+  const result = ({ label, outcome, end, x }) => `${label}${outcome && step >= x.length - 1 ? `: ${end || `${OUTCOMES[outcome]}, ${((x.length - 1) * DT).toFixed(2)} s`}` : ""}`;
   for (const [pane, actor] of [[canvas, chosen], [beside, other]]) {
     if (pane.hidden) continue;
     const { left, top, width, height } = pane.getBoundingClientRect();

@@ -12,8 +12,9 @@ function rmsOf(actor, step) {
   return length ? Math.sqrt(sum / length) : 0;
 }
 
-const OUTCOMES = { success: "arrived", collision: "crashed", left_corridor: "left the path", timeout: "ran out of time", left: "drove off", stopped: "stopped" };
+const OUTCOMES = { success: "arrived", collision: "crashed", left_corridor: "left the path", timeout: "ran out of time", left: "drove off", stopped: "stopped", stuck: "got stuck" };
 const companyOf = ({ kind }) => (kind === "team" ? "team" : "crowd"); // the other bodies, in a word
+const CROWDED = 4; // runs in a picture, from which on all but the chosen one are thin
 const CHART = 90; // px that the picture leaves to the first of the charts
 const PLAYBACK = 2; // times as fast as the robots
 
@@ -40,7 +41,7 @@ class Replay {
     this.poised = () => false; // whether the clock waits for the hand's first press
     this.halts = () => {}; // the picture was stopped
     this.edge = null; // of the scene, for a hand that is beyond it
-    this.saved = say; // tells of a file
+    this.saved = noted; // tells of a film
     this.holds = () => false; // whether it waits for a film
     this.build();
     themed.push(() => this.refresh(true));
@@ -234,7 +235,7 @@ class Replay {
     this.splitButton.hidden = actors.length < 2;
     this.panes.forEach((pane, k) => {
       pane.hidden = !this.other;
-      pane.replaceChildren(...actors.map((actor, n) => el("option", { value: n, selected: actor === (k ? this.other : chosen) }, actor.label)));
+      pane.replaceChildren(...actors.map((actor, n) => el("option", { value: n, selected: actor === (k ? this.other : chosen) }, this.nameOf(actor))));
     });
   }
 
@@ -292,21 +293,34 @@ class Replay {
   }
 
   // That of a run that has arrived, the better the lower.
-  rank(actor) {
+  score(actor) { // m or s
     const last = actor.x.length - 1;
-    return this.byError && actor.error ? rmsOf(actor, last) : last - (actor.policy === KEYBOARD ? 0.5 : 0); // a tie is the hand's
+    return this.byError ? rmsOf(actor, last) : last * DT;
+  }
+
+  rank(actor) {
+    return this.score(actor) - (!this.byError && actor.policy === KEYBOARD ? 0.5 * DT : 0); // a tie is the hand's
   }
 
   // And in words.
+  scored(score) {
+    return this.byError ? `${short(1000 * score)}\u00a0mm off` : `${score.toFixed(2)}\u00a0s`;
+  }
+
   result(actor) {
-    const last = actor.x.length - 1;
-    return this.byError && actor.error ? `${short(1000 * rmsOf(actor, last))}\u00a0mm off` : `${(last * DT).toFixed(2)}\u00a0s`;
+    return this.scored(this.score(actor));
   }
 
   // Arrived, under way, failed: the better first.
   ranked(actors) {
     const of = new Map(actors.map((actor) => [actor, !this.tells(actor) ? [1, this.target(actor) ? this.rank(actor) : 1e9] : actor.outcome === "success" ? [0, this.rank(actor)] : [2, -actor.x.length]]));
     return [...actors].sort((a, b) => of.get(a)[0] - of.get(b)[0] || of.get(a)[1] - of.get(b)[1]);
+  }
+
+  // A run's name; of one controller with several gains it says which.
+  nameOf({ label, policy, gains }) {
+    const twin = this.actors.some((each) => each.policy !== policy && each.label.startsWith(`${label},`));
+    return `${label}${Object.keys(gains || {}).length ? ", your gains" : twin ? ", default gains" : ""}`;
   }
 
   // What a hand has to beat, where it is known.
@@ -330,9 +344,9 @@ class Replay {
         on: { change: () => { actor.hidden = !shown.checked; this.refresh(true); } } });
       const ended = this.tells(actor);
       const bad = ended && actor.outcome !== "success";
-      const note = [ended ? `${this.underWay(actor) ? "driving; at the end: " : ""}${OUTCOMES[actor.outcome]}` : this.step && this.step >= actor.x.length - 1 && this.waits(actor) ? "being computed" : this.target(actor) || this.failing(actor) || (!actor.outcome && actor.note) || (this.playing || this.step ? "driving" : "at the start"), ended ? actor.note : "", actor.ghost ? "recorded in the scene as it was" : ""].filter(Boolean).join(", ");
+      const note = [ended ? `${this.underWay(actor) ? "driving; at the end: " : ""}${actor.end || OUTCOMES[actor.outcome]}` : this.step && this.step >= actor.x.length - 1 && this.waits(actor) ? "being computed" : this.target(actor) || this.failing(actor) || (!actor.outcome && actor.note) || (this.playing || this.step ? "driving" : "at the start"), ended ? actor.note : "", actor.ghost ? "recorded in the scene as it was" : ""].filter(Boolean).join(", ");
       return el("li", { "data-chosen": actor === this.chosen ? "yes" : "no" }, shown, swatch(actor.policy),
-        button(actor.label, () => this.choose(actor), { class: "name", "aria-label": actor.label, "aria-pressed": actor === this.chosen, title: aboutOf(actor.policy) }),
+        button(this.nameOf(actor), () => this.choose(actor), { class: "name", "aria-label": actor.label, "aria-pressed": actor === this.chosen, title: aboutOf(actor.policy) }),
         button("×", () => this.takeOut(actor), { class: "drop-out", "aria-label": `take out ${actor.label}`, title: "take this run out" }),
         el("small", { class: bad ? "bad" : "" }, note));
     }));
@@ -419,11 +433,16 @@ class Replay {
     const company = world.bodies && this.company(chosen, actors);
     if (company) drawBodies(context, world, company, step, hull, pixel);
     const faint = (actor) => (company ? actor !== company : this.races()); // who drives among others than are drawn, or whom the hand passes through
-    actors.filter((actor) => actor !== chosen).forEach((actor, k) => drawActor(context, actor, step, hull, pixel, false, LANES[k % LANES.length], faint(actor)));
-    if (chosen) drawActor(context, chosen, step, hull, pixel, true);
+    const top = (this.races() && actors.find(({ policy }) => policy === KEYBOARD)) || chosen; // on top, marked, and who stands there fades
+    const at = ({ x, y }) => [x, y].map((each) => each[Math.min(step, each.length - 1)]);
+    const under = (actor) => top && actor !== top && Math.hypot(at(actor)[0] - at(top)[0], at(actor)[1] - at(top)[1]) < 2 * hull;
+    const how = (actor) => ({ chosen: actor === chosen, faint: actor !== chosen && actor !== top && faint(actor), under: under(actor), thin: chosen && actors.length > CROWDED, mark: actor === top && actors.length > 1 });
+    actors.filter((actor) => actor !== chosen && actor !== top).forEach((actor, k) => drawActor(context, actor, step, hull, pixel, { ...how(actor), lane: LANES[k % LANES.length] * (actors.length > CROWDED ? 0.5 : 1) }));
+    for (const actor of new Set([chosen, top])) if (actor) drawActor(context, actor, step, hull, pixel, how(actor));
     if (!this.blank) drawStars(context, world, pixel);
     if (this.leads) drawWay(context, view, world, pixel);
-    if (!this.other && actors.length > 1) drawNames(context, view, [...new Set([chosen, ...actors])].filter(Boolean), step, hull, pixel, company ? bodiesAt(world, company, step, hull) : [], this.blank ? [] : obstaclesAt(world, step * DT));
+    const named = [...new Set([top, chosen, ...actors])].filter(Boolean).map((actor) => ({ ...actor, top: actor === top, name: `${this.nameOf(actor)}${step >= actor.stuck ? `: stuck since ${(actor.stuck * DT).toFixed(2)} s` : ""}` }));
+    if (named.length > 1 || named.some(({ stuck }) => step >= stuck)) drawNames(context, view, named, step, hull, pixel, company ? bodiesAt(world, company, step, hull) : [], this.blank ? [] : obstaclesAt(world, step * DT));
     return context;
   }
 

@@ -217,19 +217,27 @@ function flag(context, x, y, size) {
 
 const LANES = [1, -1, 2, -2, 3, -3].map((each) => 2.2 * each); // px to the left of its way, so that equal ones do not hide each other
 
-function drawActor(context, actor, k, hull, pixel, chosen, lane = 0, faint = false) {
+function drawActor(context, actor, k, hull, pixel, { chosen, faint, under, thin, mark, lane = 0 }) {
   const last = Math.min(k, actor.x.length - 1);
   const colour = ink(colourName(actor.policy));
   const alpha = faint || actor.ghost || actor.stale || (k > last && !actor.outcome) ? 0.35 : 1; // what is not yet driven so far is a ghost too
   context.strokeStyle = colour;
-  context.globalAlpha = alpha;
-  context.lineWidth = (chosen ? 3 : 2) * pixel;
+  context.globalAlpha = thin && !chosen ? 0.4 * alpha : alpha;
+  context.lineWidth = (chosen ? 3 : thin ? 1.2 : 2) * pixel;
   context.setLineDash(dashOf(actor.policy).split(" ").filter(Boolean).map((each) => each * pixel));
   context.beginPath();
   for (let i = 0; i <= last; i++) context.lineTo(actor.x[i] - lane * pixel * Math.sin(actor.heading[i]), actor.y[i] + lane * pixel * Math.cos(actor.heading[i]));
   context.stroke();
   context.setLineDash([]);
+  const solid = under ? 0.2 * alpha : alpha;
+  context.globalAlpha = solid;
   const [x, y, heading] = [actor.x[last], actor.y[last], actor.heading[last]];
+  if (mark) { // a ring around whom the picture is about
+    context.beginPath();
+    context.arc(x, y, hull + 5 * pixel, 0, 2 * Math.PI);
+    for (const [of, width] of [[ink("--paper"), 5], [colour, 2]]) { [context.strokeStyle, context.lineWidth] = [of, width * pixel]; context.stroke(); }
+    context.lineWidth = 3 * pixel;
+  }
   context.beginPath();
   if (BOXES[actor.robot]) {
     const [c, s] = [Math.cos(heading), Math.sin(heading)];
@@ -240,19 +248,19 @@ function drawActor(context, actor, k, hull, pixel, chosen, lane = 0, faint = fal
   context.globalAlpha *= 0.25;
   context.fillStyle = colour;
   context.fill();
-  context.globalAlpha = alpha;
+  context.globalAlpha = solid;
   context.stroke();
   if (chosen) { // light around its nose, which shows where it looks
     context.beginPath();
     context.arc(x, y, 0.95 * hull, 0, 2 * Math.PI);
-    [context.fillStyle, context.globalAlpha] = [ink("--paper"), 0.6 * alpha];
+    [context.fillStyle, context.globalAlpha] = [ink("--paper"), 0.6 * solid];
     if (!BOXES[actor.robot]) context.fill();
-    [context.fillStyle, context.globalAlpha] = [colour, alpha];
+    [context.fillStyle, context.globalAlpha] = [colour, solid];
   }
   context.beginPath(); // its nose
   for (const [turn, far] of [[0, 1], [2.5, 0.8], [Math.PI, 0.25], [-2.5, 0.8]]) context.lineTo(x + far * hull * Math.cos(heading + turn), y + far * hull * Math.sin(heading + turn));
   context.fill();
-  if (last === actor.x.length - 1 && actor.outcome && actor.outcome !== "success") failed(context, x, y, Math.max(0.7 * hull, 8 * pixel), pixel);
+  if (last === actor.x.length - 1 && actor.outcome && actor.outcome !== "success" && !actor.there) failed(context, x, y, Math.max(0.7 * hull, 8 * pixel), pixel);
   context.globalAlpha = 1;
 }
 
@@ -267,18 +275,19 @@ function drawNames(context, view, actors, k, hull, pixel, bodies, things) {
   context.lineWidth = 4;
   const spots = [];
   const solid = [...bodies.map(([x, y, , , , , radius]) => [x, -y, radius]), ...actors.map(({ x, y }) => [x[Math.min(k, x.length - 1)], -y[Math.min(k, y.length - 1)], hull])];
-  for (const { x, y, label, policy, outcome } of actors) {
+  for (const { x, y, name, policy, outcome, top } of actors) {
     const last = Math.min(k, x.length - 1);
     if (k > last && !outcome) continue; // it waits
-    const same = policy !== KEYBOARD && spots.find((spot) => spot.policy !== KEYBOARD && Math.hypot(spot.x - x[last], spot.y - y[last]) < hull);
+    const same = !top && spots.find((spot) => !spot.top && Math.hypot(spot.x - x[last], spot.y - y[last]) < hull);
     if (same) same.more += 1;
-    else spots.push({ x: x[last], y: y[last], name: label.replace(/ \(.*\)/, ""), policy, more: 0 });
+    else spots.push({ x: x[last], y: y[last], name: name.replace(/ \(.*\)/, ""), policy, top, more: 0 });
   }
   for (const { x, y, policy, more, ...spot } of spots) {
     const name = more ? `${more + 1} robots` : spot.name;
     const half = context.measureText(name).width / 2 + 4;
     const room = Math.max(view.width / 2 - half, 0);
-    const [above, below, aside] = [(-y - hull) / pixel - 6, (-y + hull) / pixel + 16, hull / pixel + half + 2];
+    const rim = spot.top ? 6 : 0;
+    const [above, below, aside] = [(-y - hull) / pixel - 6 - rim, (-y + hull) / pixel + 16 + rim, hull / pixel + half + 2 + rim];
     const places = [[0, above], [0, below], [aside, -y / pixel + 5], [-aside, -y / pixel + 5], ...[16, 32, 48].flatMap((off) => [[0, above - off], [0, below + off]])];
     const near = things.filter((each) => (each[5] || each[6]) && distanceTo(each, x, y) < 2 * half * pixel + hull + 80 * pixel); // but for thin walls
     const across = Array.from({ length: Math.ceil(half / 6) + 1 }, (_, n) => (2 * n / Math.ceil(half / 6) - 1) * half);
@@ -319,6 +328,8 @@ function drawBodies(context, world, actor, k, hull, pixel) {
     context.setLineDash([2 * pixel, 4 * pixel]);
     context.stroke();
     context.setLineDash([]);
+    if (actor.outcome && k >= actor.x.length - 1) failed(context, x[at], y[at], Math.max(0.7 * hull, 8 * pixel), pixel); // it is still there
+    context.lineWidth = 1.5 * pixel;
   });
 }
 
