@@ -149,7 +149,8 @@ class Race {
     const gold = Math.min(...rivals.filter(({ outcome }) => outcome === "success").map((each) => replay.score(each)));
     if (!rivals.length || rivals.some(({ outcome, x }) => !outcome && (replay.byError || (x.length - 1) * DT <= gold))) return null;
     const bronze = replay.byError ? WITHIN * gold : Math.ceil((WITHIN * gold).toFixed(6)); // whole seconds
-    return [gold, 0.5 * (gold + bronze), bronze];
+    const silver = 0.5 * (gold + bronze);
+    return [gold, replay.byError ? silver : Number(silver.toFixed(1)), bronze];
   }
 
   // And in words, with the rule.
@@ -157,7 +158,7 @@ class Race {
     const { limits, replay } = this;
     if (!limits) return "";
     const [gold, silver, bronze] = limits.map((each) => replay.scored(each));
-    return limits[0] < Infinity ? `Gold: ${gold} (${replay.byError ? "closest" : "quickest"} controller), silver: ${silver} (half way), bronze: ${bronze} (${WITHIN} × gold).` : "No controller arrives: any finish is gold.";
+    return limits[0] < Infinity ? `Gold ${gold} (${replay.byError ? "closest" : "quickest"} rival), silver ${silver} (half way), bronze ${bronze} (${WITHIN} × gold${replay.byError ? "" : ", rounded up"}).` : "No rival arrives: any finish is gold.";
   }
 
   // The first challenge without a medal.

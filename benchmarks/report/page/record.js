@@ -108,7 +108,7 @@ function recordButton(replay) {
       ended();
       held = await bytes();
       downloaded(new Blob(parts, { type: "video/webm" }), FILM.name);
-      replay.saved(held < 0.5 * count ? `The film has only ${held} of its ${count} pictures, as this computer is too busy: close other programs, and record again.`
+      noted(held < 0.5 * count ? `The film has only ${held} of its ${count} pictures, as this computer is too busy: close other programs, and record again.`
         : `The film was saved as ${FILM.name}, where your browser keeps downloads.${count > FILM.seconds * FILM.rate ? ` It holds ${FILM.seconds} s, and no more.` : ""}`);
     };
     armed = replay.poised();
@@ -116,7 +116,7 @@ function recordButton(replay) {
     button.textContent = "■ stop";
     button.setAttribute("aria-label", "stop recording");
     button.classList.add("on");
-    if (armed) replay.saved("The film begins with your first press.");
+    if (armed) noted("The film begins with your first press.");
     else replay.toggle(true);
   };
   button.hidden = typeof MediaRecorder === "undefined" || !MediaRecorder.isTypeSupported("video/webm");

@@ -41,7 +41,6 @@ class Replay {
     this.poised = () => false; // whether the clock waits for the hand's first press
     this.halts = () => {}; // the picture was stopped
     this.edge = null; // of the scene, for a hand that is beyond it
-    this.saved = noted; // tells of a film
     this.holds = () => false; // whether it waits for a film
     this.build();
     themed.push(() => this.refresh(true));
