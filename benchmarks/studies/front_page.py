@@ -32,6 +32,7 @@ FILMED = "moving_crowd/test"
 FRAME_PX, FRAME_SKIP, PACE_SHOWN = 480, 4, 2.0  # of each side; steps a frame; times the robots' own pace
 CONTROLLER, AGENT = "#0072B2", "#E69F00"  # of Okabe and Ito, apart for colour-blind readers
 SUCCESS = "success (%)"
+SIDES = "controller", "agent"
 PPO = "ppo"  # whose success is told where another agent is the best
 
 
@@ -56,7 +57,8 @@ class Match:
     outcome: str  # of the controller: BETTER, WORSE, EQUIVALENT, OPEN; AHEAD or BEHIND by the interval alone
     speeds: tuple[float, float] | None = None  # m/s, where they differ
     shares: tuple[float, float] | None = None  # of success (%), where these decide and errors are drawn
-    faster: str = ""  # of two that tie or are equivalent in success: by what the time decides for the better one
+    faster: str = ""  # of two that are equivalent in success or never fail: by what the time decides for the better one
+    sooner: str = ""  # of two that tie in success: which of them is significantly faster
     collided: tuple[float, float] | None = None  # shares of scenes (%), where successes are drawn
     ppo: str = ""  # what is said of its success, where another agent is the best
 
@@ -98,11 +100,13 @@ _TASKS: tuple[tuple[str, str, str, str, str, tuple[tuple[str, str, str], ...]], 
 )  # fmt: skip
 
 
-CROWDS = {  # of the parts those of equal inputs, and in the crowds of others, as README calls them
+CROWDS = {  # the parts of equal inputs, as README calls them
     "in the open, lidar only": "for teams in the open",
     "at doors and in rooms, lidar only": "for teams at doors and in rooms",
     "on CrowdNav's test cases": "in crowds of 5 (CrowdNav)",
     "in AttnGraph's crowd": "in crowds of 20 (AttnGraph)",
+    "among people who ignore the robot": "among people who ignore it",
+    "among people who avoid the robot": "among people who avoid it",
 }
 TASKS = len(_TASKS) + 1
 _SECTIONS = (
@@ -157,9 +161,14 @@ def _match(board: Sequence[Row], lines: Sequence[Row], kind: str, where: str, un
             here = dataclasses.replace(here, ppo=said)
         collided = _numbers(controller["collision (%)"])[0], _numbers(agent["collision (%)"])[0]
         here = dataclasses.replace(here, collided=collided)
-        timed = here.outcome in (BETTER, WORSE) and not verdict[0].on_success
-        times = [f"{_numbers(row[cost])[0]:.1f}" for row in both][:: 1 if here.outcome == BETTER else -1]
-        return dataclasses.replace(here, faster="{} vs. {} s".format(*times)) if timed else here
+        if here.outcome in (BETTER, WORSE) and not verdict[0].on_success:
+            turned = 1 if here.outcome == BETTER else -1
+            alike = verdict[0].words.startswith(EQUIVALENT) or bars[0].value == bars[1].value == 100.0
+            if not alike:  # no time makes up for successes that may differ
+                return dataclasses.replace(here, outcome=OPEN, sooner=SIDES[::turned][0])
+            times = [f"{_numbers(row[cost])[0]:.1f}" for row in both][::turned]
+            return dataclasses.replace(here, faster="{} vs. {} s".format(*times))
+        return here
     speeds, shares = ((_numbers(controller[each])[0], _numbers(agent[each])[0]) for each in ("speed (m/s)", SUCCESS))
     if "successes" in verdict[0].words:
         return dataclasses.replace(here, shares=shares)
@@ -211,16 +220,19 @@ def _crowds(store: Store) -> Iterator[Match]:
         agent, law, here = flocks.rival(rows, agents, laws, metric)
         less, later = (flocks.less(here, agent, law, *of) for of in ((metric,), ("extra_time", metric)))
         verdict = less.outcome(of_page).partition(", ")[0]
-        outcome, faster = {BETTER: WORSE, WORSE: BETTER, AHEAD: BEHIND, BEHIND: AHEAD}.get(verdict, verdict), ""
+        outcome = {BETTER: WORSE, WORSE: BETTER, AHEAD: BEHIND, BEHIND: AHEAD}.get(verdict, verdict)
+        faster = sooner = ""
         if outcome in (OPEN, EQUIVALENT) and (pace := later.pace(of_page)):
-            outcome, faster = WORSE if pace == "faster" else BETTER, f"{abs(later.value):.1f} s sooner"
+            if outcome == OPEN:
+                sooner = SIDES[pace == "faster"]
+            else:
+                outcome, faster = WORSE if pace == "faster" else BETTER, f"{abs(later.value):.1f} s sooner"
         gains = "tuned" if law.endswith(flocks.TUNED) else "default"
         names = _controller(law.removesuffix(flocks.TUNED), gains), _agent(agent, _seeds(here, agent))
         bars = [Bar(name, *_share(here, of, metric)) for name, of in zip(names, (law, agent), strict=True)]
         collided = tuple(_numbers(flocks.collisions(here, each).partition(" ")[0])[0] for each in (law, agent))
-        yield Match(
-            CROWDS[where], bars[0], bars[1], less.worlds, outcome, faster=faster, collided=(collided[0], collided[1])
-        )
+        shown = Match(CROWDS[where], bars[0], bars[1], less.worlds, outcome, faster=faster, sooner=sooner)
+        yield dataclasses.replace(shown, collided=(collided[0], collided[1]))
 
 
 def _rows(store: Store, name: str) -> list[Row]:
@@ -264,13 +276,13 @@ def _sentence(panel: Panel, match: Match) -> str:
         numbers += ", collisions {:.1f} vs. {:.1f} %".format(*match.collided[::turned])
     numbers += f", {match.scenes:,} {panel.scenes}"
     if match.faster:  # elsewhere the numbers are those of the verdict
-        numbers = f"{match.faster}; {'both' if a.value == b.value else 'tie in success:'} {numbers}"
+        numbers = f"{match.faster}; {'both ' * (a.value == b.value)}{numbers}"
     if speeds:
         numbers += ", at {:.2f} vs. {:.2f} m/s".format(*speeds[::turned])
     words = {
         EQUIVALENT: f"{{}} and {{}} are equivalent in {of} {{where}}",
         **dict.fromkeys((AHEAD, BEHIND), "{} is ahead of {}, but not significantly, {where}"),
-        OPEN: "neither {} nor {} wins {where}",
+        OPEN: "{} and {} tie {where}",
     }.get(match.outcome, win)
     where = f"on {match.where}" if panel.unit == "mm" and words != panel.win else match.where
     return f"{words.format(*names, where=where)} ({numbers}){match.ppo}"
@@ -300,11 +312,17 @@ def _count(shown_panels: Sequence[Panel]) -> str:
     wins, losses = (str(len(each) or "none") for each in (won, lost))
     alike = outcomes.count(EQUIVALENT)
     ties = len(outcomes) - len(won) - len(lost) - alike
-    which = [f"{camp} win {_listed(each)}. " for camp, each in (("Controllers", won), ("Agents", lost)) if each]
+    quick = [match.sooner for panel in shown_panels for match in panel.matches if match.sooner]
+    noted = "".join(f"; in {quick.count(side)} the {side} is faster" for side in SIDES if side in quick)
+    which = [
+        f"{camp} win {_listed(each).replace(', on ', ', ')}. "
+        for camp, each in (("Controllers", won), ("Agents", lost))
+        if each
+    ]
     return (
         f"**Controllers win {wins} of {len(outcomes)} kinds of scenes, agents {losses}.** "
         + "".join(which)
-        + f"In {ties}, they tie (no significant difference, corrected for multiple comparisons); in {alike}, "
+        + f"In {ties}, they tie (no significant difference after correction{noted}); in {alike}, "
         "they are equivalent (negligible difference)."
     )
 
@@ -323,8 +341,8 @@ def _where(panel: Panel, match: Match) -> str:
 def figure(shown_panels: Sequence[Panel]) -> bytes:
     """Returns the figure as PNG: a panel a task, a group of two bars a kind of scenes."""
     with matplotlib.rc_context(RC):
-        drawn = Figure((9.6, 9.0))
-        for axes, panel in zip(drawn.subplots(2, 2).flat, shown_panels, strict=False):
+        drawn = Figure((9.6, 10.2))
+        for axes, panel in zip(drawn.subplots(2, 2, height_ratios=(3, 5)).flat, shown_panels, strict=False):
             _draw(axes, panel)
         marks = "bold: wins; \u2248: equivalent; whiskers: 95 %"
         keys = {"best controller": CONTROLLER, "best trained agent": AGENT, marks: "none"}
@@ -356,7 +374,9 @@ def _draw(axes: Any, panel: Panel) -> None:
             text = value if inside else f"{name} {value}"
             weight = "bold" if side == wins else "normal"
             axes.text(bar.high + 0.03 * ends, y, text, va="center", fontsize=14, fontweight=weight)
-    axes.set_yticks(range(len(panel.matches)), list(map(_wrapped, panel.matches)), fontsize=14)
+    axes.set_yticks(
+        range(len(panel.matches)), list(map(_wrapped, panel.matches)), fontsize=14 if len(panel.matches) < 5 else 11
+    )
     axes.invert_yaxis()
     axes.set_xlim(0.0, ends * (1.3 if any(match.faster for match in panel.matches) else 1.2))
     if panel.unit == "%":
@@ -368,7 +388,7 @@ def _draw(axes: Any, panel: Panel) -> None:
 
 
 def _wrapped(match: Match) -> str:
-    words = match.where.removeprefix("for ").split()
+    words = re.sub("^(for|in|among) (?=teams|crowds|people)", "", match.where).split()
     halves = [(" ".join(words[:k]), " ".join(words[k:])) for k in range(1, len(words))]
     return "\n".join((*min(halves, key=lambda lines: max(map(len, lines))), f"n = {match.scenes:,}"))
 
