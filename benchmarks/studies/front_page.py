@@ -105,8 +105,8 @@ CROWDS = {  # the parts of equal inputs, as README calls them
     "at doors and in rooms, lidar only": "for teams at doors and in rooms",
     "on CrowdNav's test cases": "in crowds of 5 (CrowdNav)",
     "in AttnGraph's crowd": "in crowds of 20 (AttnGraph)",
-    "among people who ignore the robot": "among people who ignore it",
-    "among people who avoid the robot": "among people who avoid it",
+    "among people who ignore the robot": "among people ignoring robots",
+    "among people who avoid the robot": "among people avoiding robots",
 }
 TASKS = len(_TASKS) + 1
 _SECTIONS = (
@@ -322,7 +322,7 @@ def _count(shown_panels: Sequence[Panel]) -> str:
     return (
         f"**Controllers win {wins} of {len(outcomes)} kinds of scenes, agents {losses}.** "
         + "".join(which)
-        + f"In {ties}, they tie (no significant difference after correction{noted}); in {alike}, "
+        + f"In {ties}, they tie in success or error (not significant after correction{noted}); in {alike}, "
         "they are equivalent (negligible difference)."
     )
 
