@@ -3,7 +3,6 @@
 Only commands import this module: it needs click, which the core install does without.
 """
 
-import math
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -13,19 +12,6 @@ from wayfield.envs.robots.robot import ROBOTS, Robot, robot_of
 from wayfield.system.checks import unread
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
-
-BRISK = 22.0  # m/s times the root of a wheel's radius, m: a Froude number of 50; bases that ship have 4.2 at most
-
-
-def unlikely(robot: Robot) -> str:
-    """Returns a line where wheels are faster than ones of their size are likely to be; "" where not."""
-    radius, rated = robot.wheels[-1].radius, robot.rated_wheel_speed
-    if rated * radius <= BRISK * math.sqrt(radius):
-        return ""
-    return (
-        f"rated_wheel_speed is {rated:g} rad/s, {rated * radius:.3g} m/s at the rim, above what a wheel of {radius:g} "
-        f"m is likely to do; if it is in rpm, write {rated * math.pi / 30.0:.4g}"
-    )
 
 
 class RobotChoice(click.ParamType):  # type: ignore[type-arg]
@@ -45,10 +31,7 @@ class RobotChoice(click.ParamType):  # type: ignore[type-arg]
         """Returns the robot, or fails."""
         del param, ctx
         try:
-            robot = robot_of(value, self.field)
-            if doubt := unlikely(robot):
-                click.echo(f"{self.field} {value}: {doubt}", err=True)
-            return robot
+            return robot_of(value, self.field)
         except OSError as error:
             raise click.UsageError(f"{self.field} {value!r} cannot be read: {unread(value, error)}") from None
         except ValueError as error:

@@ -5,6 +5,7 @@ import dataclasses
 import json
 import math
 import pickle
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -299,6 +300,55 @@ def test_a_wrong_sheet_is_one_line(tmp_path: Path, content: Any, told: tuple[str
     assert len(message) < 500 + len(file)
     for part in told:
         assert part in message
+
+
+LENGTHS = ("radius", "track", "effective_track", "length", "width", "range", "acceleration", "turning_radius")
+ANGLES = ("turn_speed", "yaw_acceleration", "rated_wheel_speed", "angle", "direction")
+
+
+def scaled(content: Any, fields: tuple[str, ...], factor: float) -> Any:
+    """Yields a sheet's content with each of some fields, one at a time, times a factor."""
+    for key in content if isinstance(content, dict) else range(len(content)):
+        value = content[key]
+        if key in fields and isinstance(value, int | float) and value:
+            yield f"{key}", {**content, key: factor * value}
+        elif key not in ("sources", "title") and isinstance(value, dict | list):
+            for name, other in scaled(value, fields, factor):
+                changed = copy.copy(content)
+                changed[key] = other
+                yield name, changed
+
+
+def doubted(file: Path, content: Any) -> bool:
+    """Returns whether a sheet is refused, or a line says what is unusual; each in one line."""
+    file.write_text(json.dumps(content))
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        try:
+            read_robot(str(file))
+            lines = [str(each.message) for each in found]
+        except ValueError as error:
+            lines = [str(error)]
+    assert [len(each.splitlines()) for each in lines] in ([], [1])
+    assert all(each.startswith(f"{file}: ") for each in lines)
+    return bool(lines)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_sheet_in_other_units_is_refused_or_doubted_in_a_line(tmp_path: Path, name: str) -> None:
+    content = ROBOTS[name].sheet | {"name": "mine"}
+    file = tmp_path / "mine.json"
+    assert not doubted(file, content)
+    for fields, factor in (
+        (LENGTHS, 1000.0),
+        (ANGLES, 180.0 / math.pi),
+        (("mass", "inertia"), 1000.0),
+        (("mass", "inertia"), 0.001),
+        (("friction", "driven_load"), 100.0),
+        (("lag", "delay"), 1000.0),
+    ):
+        for field, changed in scaled(content, fields, factor):
+            assert doubted(file, changed), (field, factor)
 
 
 def test_a_sheet_is_written_as_it_was_read(tmp_path: Path) -> None:
