@@ -88,7 +88,7 @@ def field_scenarios(spec: TaskSpec, name: Any, hull_radius: float) -> tuple[Any,
     if (own := _own(spec, name)) is not None:
         for scenario in own:
             check_clear(scenario, hull_radius)
-        return own
+        return _warned_of(own)
     if isinstance(name, str) and name in spec.presets:
         return _named_field_scenarios(spec.name, name, hull_radius)
     if (frozen := _frozen_split(spec, name)) is not None:

@@ -16,6 +16,7 @@ from wayfield.envs.world.paths import Path, doubt
 from wayfield.system.checks import (
     FARTHEST,
     FASTEST,
+    FINEST,
     HEAVIEST,
     LIGHTEST,
     LONGEST,
@@ -30,6 +31,9 @@ from wayfield.system.checks import (
     real,
     shown,
 )
+
+LONG = 300.0  # m, of a way from which on it is in other units, most likely, unless its points or its map are of metres
+CORRIDORS = 0.01, 20.0  # m, that are usual
 
 
 # Compared by identity: arrays have no single truth value, and a bank never holds the same scenario twice.
@@ -96,6 +100,16 @@ class PathScenario:
 
     def doubt(self) -> str:
         """Returns what makes it one that robots may not follow as it is meant; "" where nothing does."""
+        length = self.path.length
+        apart = length / len(self.path.points)
+        if length > LONG and apart > 1.0:
+            return (
+                f"the path is {length:,.0f} m long, {apart:,.0f} m from point to point; lengths are in m: scale 0.001 "
+                "is for a path in mm, 0.01 for one in cm"
+            )
+        if not CORRIDORS[0] <= self.corridor <= CORRIDORS[1]:
+            usual = f"usual is {CORRIDORS[0]:g} to {CORRIDORS[1]:g}"
+            return f"corridor is {self.corridor:g} m, {usual}; lengths are in m"
         said = doubt(self.path)
         return f"the path {said}" if said else ""
 
@@ -169,16 +183,24 @@ class GoalScenario:
 
     def doubt(self) -> str:
         """Returns what is said in other units than metres and seconds, by its size; "" where nothing is."""
-        patrols = self.obstacles["patrol"][self.moving]
-        speeds = np.hypot(patrols["vx"], patrols["vy"])
+        o, patrols = self.obstacles, self.obstacles["patrol"][self.moving]
+        speeds, start = np.hypot(patrols["vx"], patrols["vy"]), self.start[:2]
+        length, width = o["half_length"] + o["radius"], o["half_width"] + o["radius"]
+        halves, area = np.minimum(length, width), np.maximum(4.0 * length * width, FINEST)
+        away = np.hypot(o["x"] - start[0], o["y"] - start[1]) - length - width
+        far = 2000.0 if self.grid is not None else LONG
         for what, value, most, unit in (
-            ("the distance from start to goal", math.dist(self.start[:2], self.goal[:2]), 2000.0, "m"),
-            ("the speed of a moving obstacle", float(speeds.max(initial=0.0)), 15.0, "m/s"),
-            ("the radius of an obstacle", float(self.obstacles["radius"].max(initial=0.0)), 10.0, "m"),
+            ("the distance from start to goal", math.dist(start, self.goal[:2]), far, "m"),
+            ("the distance from start to an obstacle", away.max(initial=0.0), far, "m"),
+            ("the speed of a moving obstacle", speeds.max(initial=0.0), 15.0, "m/s"),
+            ("the way of a moving obstacle", (speeds * patrols["leg_time"]).max(initial=0.0), far, "m"),
+            ("half the width of an obstacle", halves.max(initial=0.0), 10.0, "m"),
+            ("the mass of an obstacle over its area", (o["mass"] / area).max(initial=0.0), 3000.0, "kg/m^2"),
+            ("waypoint_radius", self.waypoint_radius, 20.0, "m"),
             ("start_offset", self.start_offset, 20.0, "m"),
         ):
             if value > most:
-                return f"{what} is {value:.4g} {unit}, usual is at most {most:g}; lengths are in m, times in s"
+                return f"{what} is {value:.4g} {unit}, usual is at most {most:g}; units are m, s, kg"
         return ""
 
     @property

@@ -28,11 +28,13 @@ from wayfield.envs.scenarios import (
     moving_circle,
     obstacle_field,
     path_scenarios,
+    scenarios_of,
     split,
     splits,
     wall,
     ways,
 )
+from wayfield.envs.scenarios.files import field_scenario_from_file
 from wayfield.envs.world.movers import motion_at
 from wayfield.system.objects import FileNote
 
@@ -435,8 +437,14 @@ def test_crossing_discs_cross_and_others_come_or_go() -> None:
 @pytest.mark.parametrize(
     ("centimetres", "said"),
     [
-        ({"goal": [2100, 0, 0]}, "the distance from start to goal is 2100 m, usual is at most 2000; lengths are in m"),
-        ({"obstacles": [{"kind": "circle", "x": 2, "y": 45, "radius": 30}]}, "the radius of an obstacle is 30 m"),
+        ({"goal": [900, 0, 0]}, "the distance from start to goal is 900 m, usual is at most 300; units are m, s, kg"),
+        ({"obstacles": [{"kind": "circle", "x": 2, "y": 45, "radius": 30}]}, "half the width of an obstacle is 30 m"),
+        ({"obstacles": [{"kind": "box", "x": 2, "y": 65, "length": 60, "width": 80}]}, "half the width of an obstacle"),
+        ({"obstacles": [{"kind": "circle", "x": 400, "y": 0, "radius": 3}]}, "the distance from start to an obstacle"),
+        ({"obstacles": [{"kind": "circle", "x": 2, "y": 5, "radius": 0.3, "mass": 2e3}]}, "the mass of an obstacle"),
+        ({"obstacles": [{"kind": "circle", "x": 2, "y": 5, "radius": 0.3,
+          "patrol": {"vx": 0.5, "vy": 0, "leg_time": 4000}}]}, "the way of a moving obstacle is 2000 m"),
+        ({"waypoints": [[4, 2]], "waypoint_radius": 50}, "waypoint_radius is 50 m"),
         ({"start_offset": 50}, "start_offset is 50 m"),
         ({"obstacles": [{"kind": "circle", "x": 2, "y": 5, "radius": 0.3,
           "patrol": {"vx": 50, "vy": 0, "leg_time": 4}}]}, "the speed of a moving obstacle is 50 m/s"),
@@ -449,6 +457,8 @@ def test_a_file_in_other_units_is_doubted_in_a_line(
     file.write_text(json.dumps({"goal": [9, 9, 0], **centimetres}))
     with pytest.warns(FileNote, match=f"^mine: {re.escape(said)}"):
         goal_scenarios(str(file), HULL)
+    with pytest.warns(FileNote, match=f"^mine: {re.escape(said)}"):  # made in Python, too
+        scenarios_of(TASKS["goal_reaching"], field_scenario_from_file(str(file)), HULL)
     file.write_text(json.dumps({"goal": [9, 9, 0]}))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
