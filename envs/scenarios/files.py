@@ -87,6 +87,10 @@ def path_scenario_from_file(file: str, scale: float = 1.0, spec: TaskSpec = TASK
         raise of_no_scenario(file, wanted)
     fields = json_object(file, _WAY)
     _note_degrees(file, fields, "start")
+    for field in ("times", "time", "headings"):
+        if field in fields and not timed:
+            more = 'a trajectory has them: write "reference" for "path", and see docs/scenarios.md'
+            raise fault(file, f"field {field!r} is not known, for a path is driven at the policy's own speed; {more}")
     paths = tuple(dict.fromkeys((spec.kind, _WAY, _TABLE_FILE)))
     check_keys(file, "", fields, (*paths, *spec.scenario.file_fields))
     if len(given := [field for field in paths if field in fields]) != 1:

@@ -34,6 +34,8 @@ _WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+")
 _AS_X = {"easting": "x", "east": "x", "tx": "x", "northing": "y", "north": "y", "ty": "y"}
 _UNITS = {**dict.fromkeys(("m", "meter", "meters", "metre", "metres"), 1.0), "cm": 0.01, "mm": 0.001}
 _AS_TIME = {"t", "time", "times", "stamp", "timestamp", "sec", "secs", "seconds"}
+_AS_SPEED = {"speed", "speeds", "velocity", "vel", "vx", "v"}
+_AS_HEADING = {"theta", "yaw", "heading", "headings", "psi"}
 _TICKS = {
     **dict.fromkeys(("ms", "msec", "msecs", "millis"), 1e-3), **dict.fromkeys(("us", "usec", "usecs"), 1e-6),
     **dict.fromkeys(("ns", "nsec", "nsecs", "nanosec"), 1e-9),
@@ -63,6 +65,8 @@ class _Layout:
     circuit: bool  # closed although the last point does not repeat the first
     unit: float  # m, of x and y
     tick: float  # s, of the time
+    stamps: tuple[str, ...]  # the column of times, where it is not asked for
+    others: tuple[str, ...]  # columns that nobody asks for, of speeds or beside times of headings
 
 
 _POSES = "".join(f"{x}, 0.5, 0, 0, 0, 0, 1\n" for x in range(5))
@@ -149,10 +153,27 @@ def _read(file: str, scale: float, closed: bool | None, timed: bool = False) -> 
         kind = "a closed path" if closed else "a path"
         line = _line_of(lines, layout, len(points) - 1)
         raise _fault(file, line, f"the table ends after {len(points)} distinct point(s); {kind} needs at least {least}")
+    if layout.stamps or layout.others:
+        warnings.warn(f"{file}: {_unread(file, layout, timed)}", FileNote, stacklevel=2)
     tick = layout.tick
     while times and abs(times[0]) * tick > _CLOCK:
         tick *= 1e-3
     return Path(points, closed), tuple(tick * each for each in times)
+
+
+def _unread(file: str, layout: _Layout, timed: bool) -> str:
+    """Returns a line on what stands in a table and is not followed, and what follows it."""
+    names = [shown(each) for each in (*layout.stamps, *layout.others)]
+    said = f"column{'s' * (len(names) > 1)} {' and '.join(names)} {'is' if len(names) == 1 else 'are'} not followed"
+    if timed:
+        return f"{said}; headings are a list of a .json file, see docs/scenarios.md"
+    said += ", a path is driven at the policy's own speed; "
+    if not layout.stamps:
+        return f"{said}give its points times to follow: wayfield/DiffDriveTrajectoryTracking-v0"
+    return (
+        f"{said}wayfield/DiffDriveTrajectoryTracking-v0 follows times, as does evaluate --path of a .json file beside "
+        f'it with {{"reference": "{os.path.basename(file)}"}}'
+    )
 
 
 def closing(
@@ -257,8 +278,10 @@ def _layout(file: str, lines: list[str], timed: bool) -> _Layout:
         clock = [k for k, name in enumerate(names) if set(_words(name)) & _AS_TIME] if columns else [0] * x
         ticks = [_TICKS[each] for each in _words(names[clock[0]]) if each in _TICKS] if columns and clock else []
         placed = (*(columns or (x, x + 1)), *(clock[:1] if timed else ()))
-        scales = *(units[:1] or [1.0]), *(ticks[:1] or [1.0])
-        return _Layout(i, delimiter, len(fields), placed, bool(names), circuit, *scales)
+        unit, tick = (units or [1.0])[0], (ticks or [1.0])[0]
+        stamps = () if timed else tuple(names[k] if names else "time" for k in clock[:1])
+        others = tuple(name for name in names if set(_words(name)) & (_AS_HEADING if timed else _AS_SPEED))
+        return _Layout(i, delimiter, len(fields), placed, bool(names), circuit, unit, tick, stamps, others)
     raise _fault(file, len(lines), "the table has no points")
 
 

@@ -373,6 +373,81 @@ def test_a_scene_that_is_hardly_meant_so_is_told_of(tmp_path: Path, fields: Any,
     assert [bool(re.search(said, str(each.message))) for each in told] == [True] * bool(said)
 
 
+CURVE = np.column_stack([np.linspace(0.0, 8.0, 60), np.sin(np.linspace(0.0, 8.0, 60))])
+IN_MM = "the path is 9,695 m long, 162 m from point to point; lengths are in m: scale 0.001 is for a path in mm"
+
+
+@pytest.mark.parametrize(
+    ("name", "points", "fields", "said"),
+    [
+        ("mine.csv", 1000.0 * CURVE, {}, IN_MM),
+        ("mine.json", 1000.0 * CURVE, {}, IN_MM),
+        ("mine.json", 100.0 * CURVE, {}, "the path is 969 m long, 16 m from point"),
+        ("mine.json", [(0, 0), (3000, 0), (3000, 3000)], {}, "the path is 6,000 m long"),
+        ("mine.csv", [52.1, 13.2] + 1e-3 * CURVE, {}, "the path is only 0.0097 m long"),
+        ("mine.json", CURVE, {"corridor": 500}, "corridor is 500 m, usual is 0.01 to 20"),
+        ("mine.json", CURVE, {"corridor": 0.001}, "corridor is 0.001 m, usual is 0.01 to 20"),
+        ("mine.csv", CURVE, {}, ""),
+        ("mine.json", [(0.5 * k, 0.0) for k in range(2000)], {}, ""),  # a kilometre, point by point
+    ],
+)
+def test_a_path_in_other_units_is_doubted_in_a_line(
+    tmp_path: Path, name: str, points: Any, fields: dict[str, Any], said: str
+) -> None:
+    file = tmp_path / name
+    if name.endswith(".csv"):
+        np.savetxt(file, points, delimiter=",", header="x,y", fmt="%.9f")
+    else:
+        file.write_text(json.dumps({"path": np.asarray(points).tolist(), **fields}))
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        scenarios_of(TASKS["path_following"], str(file), 0.3, 1.0)
+    assert [str(each.message)[: len(f"mine: {said}")] for each in found] == ([f"mine: {said}"] if said else [])
+
+
+@pytest.mark.parametrize(
+    ("header", "said"),
+    [
+        ("t,x,y", "column 't' is not followed"),
+        ("time_ms,x,y", "column 'time_ms' is not followed"),
+        ("x,y,speed,stamp", "columns 'stamp' and 'speed' are not followed"),
+        ("x,y,vx_mps", "column 'vx_mps' is not followed"),
+        ("x,y,curvature", ""),
+        ("", "column 'time' is not followed"),
+    ],
+)
+@pytest.mark.parametrize("name", ["mine.csv", "mine.json"])
+def test_times_and_speeds_that_a_path_does_not_follow_are_named(
+    tmp_path: Path, header: str, said: str, name: str
+) -> None:
+    columns = header.split(",") if header else ["t", "x", "y", "z", "qx", "qy", "qz", "qw"]
+    known = {"x": CURVE[::6, 0], "y": CURVE[::6, 1], "qw": np.ones(10)}
+    rows = [known.get(each, np.arange(10) * (each in ("t", "stamp", "time_ms"))) for each in columns]
+    np.savetxt(tmp_path / "mine.csv", np.column_stack(rows), delimiter=",", header=header, fmt="%.9f")
+    (tmp_path / "mine.json").write_text('{"path_file": "mine.csv"}')
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        (path,) = scenarios_of(TASKS["path_following"], str(tmp_path / name), 0.3, 1.0)
+    lines = [str(each.message) for each in found]
+    assert [said in each for each in lines] == [True] * bool(said)
+    if "reference" not in "".join(lines):
+        return
+    written = lines[0][lines[0].index("{") :]  # what it says to write follows the times
+    (tmp_path / "other.json").write_text(written)
+    (reference,) = scenarios_of(TASKS["trajectory_tracking"], str(tmp_path / "other.json"), 0.3, 1.0)
+    np.testing.assert_array_equal(reference.path.points, path.path.points)
+    assert len(reference.times) == 10
+
+
+@pytest.mark.parametrize("field", ["times", "time", "headings"])
+def test_a_path_with_times_is_answered_with_the_word_that_has_them(tmp_path: Path, field: str) -> None:
+    file = tmp_path / "mine.json"
+    file.write_text(json.dumps({"path": CURVE.tolist(), field: list(range(60))}))
+    with pytest.raises(ValueError, match=f'field \'{field}\' is not known.* write "reference" for "path"') as found:
+        path_scenario_from_file(str(file))
+    assert len(str(found.value).splitlines()) == 1
+
+
 def test_a_place_beside_a_map_is_told_where_the_map_lies(tmp_path: Path) -> None:
     Image.fromarray(np.full((60, 100), 254, np.uint8)).save(tmp_path / "room.png")
     on_map = {"file": "room.png", "resolution": 0.1, "origin": [-4, -3, 0]}
