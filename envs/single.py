@@ -2,6 +2,7 @@
 
 import dataclasses
 import inspect
+import warnings
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, ClassVar
 
@@ -17,6 +18,7 @@ from wayfield.envs.tasks.constraints import NAMES, Constraint
 from wayfield.envs.tasks.task import CONTROL_PERIOD, Task
 from wayfield.system.checks import choose, refuse, shown, suggestion, whole
 from wayfield.system.checks import seed as check_seed
+from wayfield.system.objects import FileNote
 
 Array = NDArray[np.float32]
 FPS = round(1.0 / CONTROL_PERIOD)
@@ -49,6 +51,8 @@ class SingleEnv(gymnasium.Env[Any, Any]):
     def __init__(self, **named: Any) -> None:
         arguments = self.arguments(**named)
         self.task = self.asks(arguments, arguments.options(self.robots))
+        if said := arguments.doubt():
+            warnings.warn(said, FileNote, stacklevel=2)
         self._choose_frames(arguments.render_mode, arguments.frame_size)
         self._lay_out()
 

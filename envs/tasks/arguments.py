@@ -6,9 +6,20 @@ from typing import Any, ClassVar, TypeVar
 
 from wayfield.envs.robots import AnyRobot, robots_with
 from wayfield.envs.tasks.task import Options
+from wayfield.system.checks import WHOLE_TURN, real
 
 Numbers = TypeVar("Numbers")
 FRAME_SIZE = (640, 640)  # px, width and height
+_SHOVED = ("shove[0]", "shove[1]", "shove[2]", "shove[3]")
+_USUAL = {
+    "noise": (0.0, 20.0, "times the nominal sensors'"),
+    "max_range": (0.05, 300.0, "m"),
+    "field_of_view": (0.05, WHOLE_TURN, "rad"),
+    "sight": (0.1, 300.0, "m"),
+    "preview_spacing": (1e-3, 10.0, "m, or s of a reference"),
+    "scale": (1e-4, 100.0, "times the coordinates, in m"),
+    **dict(zip(_SHOVED, ((0.0, 1000.0, "s"), (0.0, 5.0, "m"), (0.0, 5.0, "m"), (0.0, WHOLE_TURN, "rad")), strict=True)),
+}
 
 
 def argument(default: Any, meaning: str = "", shown: str | None = None) -> Any:
@@ -58,6 +69,16 @@ class Arguments:
         """Returns those that all tasks share, looked up and checked, of an environment for these robots."""
         names = (each.name for each in dataclasses.fields(Options) if each.name != "dt")
         return Options.of(robots, **{name: getattr(self, name) for name in names})
+
+    def doubt(self) -> str:
+        """Returns what is in other units than it is read in, most likely, by its size; "" where nothing is."""
+        given = {name: real(getattr(self, name, None)) for name in _USUAL}
+        if self.shove is not None:
+            given |= zip(_SHOVED, map(real, self.shove), strict=False)
+        for field, (least, most, unit) in _USUAL.items():
+            if 0.0 < abs(given[field]) < least or abs(given[field]) > most:
+                return f"{field} is {given[field]:g} {unit}, usual is {least:g} to {most:g}"
+        return ""
 
     def numbers(self, kind: type[Numbers]) -> Numbers:
         """Returns the numbers of a task, those that are arguments as these say."""

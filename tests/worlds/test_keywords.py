@@ -2,6 +2,7 @@
 
 import inspect
 import re
+import warnings
 from typing import Any
 
 import gymnasium
@@ -9,6 +10,7 @@ import pytest
 
 import wayfield.envs  # noqa: F401  registers the ids
 from wayfield.envs.scenarios import TASKS
+from wayfield.system.objects import FileNote
 
 IDS = [env_id for spec in TASKS.values() for env_id in spec.ids.values()]
 
@@ -55,3 +57,24 @@ def test_an_editor_shows_the_arguments_that_the_sheet_tells(env_id: str) -> None
 def test_a_truth_is_no_number(argument: str) -> None:
     with pytest.raises(ValueError, match=f"{argument} must be a .*number.*, got True"):
         gymnasium.make("wayfield/DiffDrivePathFollowing-v0", disable_env_checker=True, **{argument: True})
+
+
+@pytest.mark.parametrize(
+    ("task", "given", "said"),
+    [
+        ("goal_reaching", {"max_range": 5000.0}, "max_range is 5000 m, usual is 0.05 to 300"),
+        ("docking", {"noise": 100.0}, "noise is 100 times"),
+        ("goal_reaching", {"shove": (2.0, 50.0, 0.0, 0.1)}, r"shove\[1\] is 50 m"),
+        ("path_following", {"shove": (2.0, 0.1, 0.0, 90.0)}, r"shove\[3\] is 90 rad"),
+        ("path_following", {"shove": (2000.0, 0.1, 0.0, 0.1)}, r"shove\[0\] is 2000 s"),
+        ("trajectory_tracking", {"preview_spacing": 100.0}, "preview_spacing is 100 m, or s"),
+        ("path_following", {"scale": 1000.0}, "scale is 1000"),
+        ("path_following", {"noise": 3.0, "shove": (0.0, -1.0, 0.5, -3.0)}, ""),
+    ],
+)
+def test_keywords_in_other_units_are_doubted_in_a_line(task: str, given: dict[str, Any], said: str) -> None:
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        gymnasium.make(TASKS[task].ids[False], disable_env_checker=True, **given).close()
+    lines = [str(each.message) for each in found if issubclass(each.category, FileNote)]
+    assert [bool(re.match(said, each)) for each in lines] == [True] * bool(said)
