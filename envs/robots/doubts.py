@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from wayfield.envs.robots.intervals import Interval
+
 if TYPE_CHECKING:
     from wayfield.envs.robots.robot import Robot
 
@@ -22,7 +24,7 @@ USUAL = {
 
 
 def doubt(robot: "Robot") -> str:
-    """Returns in a line what no robot of its size is likely to have; "" where nothing is so."""
+    """Returns in a line what no robot of its size is likely to have and nobody measured; "" where nothing is so."""
     hull, radius, rated = robot.hull_radius or math.nan, robot.wheels[-1].radius, robot.rated_wheel_speed
     said = []
     if rated * radius > BRISK * math.sqrt(radius):
@@ -61,6 +63,7 @@ def doubt(robot: "Robot") -> str:
     for k, value in enumerate(robot.decelerations):
         bounds.append((f"decelerations[{k}]", value, *USUAL[("acceleration", "yaw_acceleration")[k]]))
     for field, value, least, most, unit in bounds:
-        if value < least or math.inf > value > most:
+        measured = isinstance(robot.sources.get(field.partition("[")[0]), Interval)
+        if not measured and (value < least or math.inf > value > most):
             said.append(f"{field} is {value:g}{' ' * bool(unit)}{unit}, usual is {least:.3g} to {most:.3g}")
     return "; ".join(said)

@@ -334,6 +334,13 @@ def doubted(file: Path, content: Any) -> bool:
     return bool(lines)
 
 
+def test_a_number_that_was_measured_is_not_doubted(tmp_path: Path) -> None:
+    content = ROBOTS["p3dx"].sheet | {"name": "mine", "acceleration": 60.0, "sources": {}}
+    assert doubted(tmp_path / "mine.json", content)
+    measured = {"value": 60.0, "low": 30.0, "high": None, "method": "profile likelihood, 95 %"}
+    assert not doubted(tmp_path / "mine.json", content | {"sources": {"acceleration": measured}})
+
+
 @pytest.mark.parametrize("name", ROBOTS)
 def test_a_sheet_in_other_units_is_refused_or_doubted_in_a_line(tmp_path: Path, name: str) -> None:
     content = ROBOTS[name].sheet | {"name": "mine"}
