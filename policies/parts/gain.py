@@ -14,13 +14,27 @@ import functools
 import math
 import operator
 import typing
+import warnings
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from wayfield.system.checks import MOST_GAIN, MOST_WHOLE, choose, real, refuse, shown, suggestion, truth, whole
+from wayfield.system.checks import (
+    MOST_GAIN,
+    MOST_WHOLE,
+    WHOLE_TURN,
+    choose,
+    real,
+    refuse,
+    shown,
+    suggestion,
+    truth,
+    whole,
+)
+from wayfield.system.objects import FileNote
 
+_USUAL = {"m": 100.0, "s": 300.0, "rad": WHOLE_TURN, "m/s": 10.0, "rad/s": 40.0, "m/s^2": 60.0, "rad/s^2": 120.0}
 _SIGNS = (
     *(("above", ">", operator.gt), ("least", ">=", operator.ge)),
     *(("below", "<", operator.lt), ("most", "<=", operator.le)),
@@ -91,6 +105,9 @@ class Gain(NamedTuple):
             refuse(field, value, f"a {'finite ' if self.finite else ''}number {range_}".strip())
         if math.isfinite(result) and abs(result) > MOST_GAIN:
             refuse(field, value, f"at most {MOST_GAIN:g} in size")
+        most = max(_USUAL.get(self.unit, math.inf), self.search.high if self.search else 0.0)
+        if most < abs(result) < math.inf:
+            warnings.warn(f"{field} is {result:g} {self.unit}, usual is at most {most:g}", FileNote, stacklevel=5)
 
     def _ends(self, values: Mapping[str, Any]) -> list[tuple[str, Callable[[float, Any], bool], Any]]:
         """Returns the ends of the range that there are: in words, what must hold, and the end.

@@ -5,6 +5,7 @@ import itertools
 import json
 import math
 import re
+import warnings
 from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
@@ -27,6 +28,7 @@ from wayfield.envs.tasks.specs import TASKS
 from wayfield.policies import POLICIES, Pilot
 from wayfield.policies.parts.gain import Gains, gain, gains_of
 from wayfield.policies.trained.ppo import shipped
+from wayfield.system.objects import FileNote
 
 PATH_ID = "wayfield/DiffDrivePathFollowing-v0"
 GOAL_ID = "wayfield/OmniGoalObstacles-v0"
@@ -340,6 +342,28 @@ def test_every_gain_declares_its_unit_meaning_and_range(name: str) -> None:
                 below = {other: 0.5 * end for other in (each.above, each.least) if isinstance(other, str)}
                 beyond = {other: 1.1 * end for other, its in declared.items() if gain_name in (its.above, its.least)}
                 policies.make(name, **{**below, **beyond, gain_name: end})
+
+
+ODD = {"m/s": 36.0, "rad": 90.0, "rad/s": 90.0, "m": 500.0, "s": 2000.0, "m/s^2": 1000.0, "rad/s^2": 180.0}
+
+
+@pytest.mark.parametrize("name", policies.POLICIES)
+def test_a_gain_in_other_units_is_refused_or_doubted_in_a_line(name: str) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", FileNote)
+        declared = gains_of(policies.make(name))
+    for gain_name, each in declared.items():
+        if each.kind is not float or each.unit not in ODD:
+            continue
+        with warnings.catch_warnings(record=True) as found:
+            warnings.simplefilter("always", FileNote)
+            try:
+                policies.make(name, **{gain_name: ODD[each.unit]})
+                lines = [str(note.message) for note in found]
+            except ValueError as error:
+                lines = [str(error)]
+        assert len(lines) == 1, gain_name
+        assert gain_name in lines[0]
 
 
 def test_agent_is_another_name_of_a_trained_policy() -> None:
