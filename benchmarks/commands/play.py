@@ -189,8 +189,12 @@ class _Play(OneLineErrors):
     multiple=True,
     help="A policy that drives from the same start: a name, or as in `wayfield render`; may be repeated.",
 )
-@click.option("--speed", type=Finite(0.0, min_open=True), default=0.6, show_default=True, help="Target speed, m/s.")
-@click.option("--yaw-rate", type=Finite(0.0, min_open=True), default=1.5, show_default=True, help="Yaw rate, rad/s.")
+@click.option(
+    "--speed", type=Finite(0.0, min_open=True, usual=10.0), default=0.6, show_default=True, help="Target speed, m/s."
+)
+@click.option(
+    "--yaw-rate", type=Finite(0.0, min_open=True, usual=40.0), default=1.5, show_default=True, help="Yaw rate, rad/s."
+)
 @click.option("--size", type=click.IntRange(300, 4000), default=800, show_default=True, help="Size of the window, px.")
 def main(place: Place, ghosts: tuple[str, ...], speed: float, yaw_rate: float, size: int) -> None:
     """Drives a robot by the keyboard in a window.

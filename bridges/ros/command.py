@@ -7,6 +7,7 @@ import importlib.util
 import math
 import os
 import sys
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -28,8 +29,9 @@ from wayfield.envs.tasks.task import CONTROL_PERIOD, IN_PROCESS
 from wayfield.policies import POLICIES, NoCruisingSpeed, cruising, make
 from wayfield.policies.parts.tuned import read_gains
 from wayfield.system.checks import WHOLE_TURN, printable, suggestion
-from wayfield.system.command_line import SEED, Choice, Finite, OneLineErrors
+from wayfield.system.command_line import SEED, Choice, Finite, OneLineErrors, usual_is
 from wayfield.system.extras import installs
+from wayfield.system.objects import FileNote
 
 NEEDS_ROS = (
     "rclpy is missing: on a robot, install ROS 2 by apt, source /opt/ros/DISTRO/setup.bash and use an environment made "
@@ -62,8 +64,8 @@ class Numbers(click.ParamType):  # type: ignore[type-arg]
 
     name = "numbers"
 
-    def __init__(self, field: str, least: int, names: str) -> None:
-        self.field, self.least, self.names = field, least, names
+    def __init__(self, field: str, least: int, names: str, usual: float = math.inf) -> None:
+        self.field, self.least, self.names, self.usual = field, least, names, usual
 
     def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str:
         """Returns what the help shows."""
@@ -86,6 +88,8 @@ class Numbers(click.ParamType):  # type: ignore[type-arg]
             raise click.UsageError(
                 f"{self.field} {value!r}: {result[2]:g} rad is more than a turn; degrees must be multiplied by pi / 180"
             )
+        if (farthest := max(map(abs, result[:2]))) > self.usual:
+            warnings.warn(f"{self.field} is {farthest:g} m away, {usual_is(self.usual)}", FileNote, stacklevel=2)
         return result
 
 
@@ -139,7 +143,12 @@ class SimSettings:
     show_default=True,
     help="Speed, in times of real time; 0: as fast as possible.",
 )
-@click.option("--lockstep", type=Finite(0.0), default=0.0, help="Wait up to so long (s) for a command after each scan.")
+@click.option(
+    "--lockstep",
+    type=Finite(0.0, usual=60.0),
+    default=0.0,
+    help="Wait up to so long (s) for a command after each scan.",
+)
 @click.option(
     "--scan-rate", type=Finite(0.1, PERIODS), default=5.0, show_default=True, callback=_rate, help="Rate of scan, Hz."
 )
@@ -156,7 +165,7 @@ class SimSettings:
 @click.option("--cmd-vel", type=Choice("--cmd-vel", ("auto", "twist", "stamped")), default="auto", show_default=True)
 @click.option(
     "--timeout",
-    type=Finite(0.05),
+    type=Finite(0.05, usual=60.0),
     default=0.5,
     show_default=True,
     help="Time without a command until the base brakes, s.",
@@ -183,7 +192,7 @@ class SimSettings:
 )
 @click.option("--record", "record", metavar="FILE.mcap", help="Record all published topics, and cmd_vel.")
 @click.option("--for", "seconds", type=Finite(0.0), default=None, help="Stop after so many seconds of simulated time.")
-@click.option("--start", type=Numbers("--start", 3, "X,Y,HEADING"), help="Start pose in the world, m and rad.")
+@click.option("--start", type=Numbers("--start", 3, "X,Y,HEADING", 300.0), help="Start pose in the world, m and rad.")
 def sim(
     robot: Robot,
     world: str,
@@ -252,7 +261,7 @@ _TALK = (
     ),
     click.option(
         "--scan-pose",
-        type=Numbers("--scan-pose", 3, "X,Y,HEADING"),
+        type=Numbers("--scan-pose", 3, "X,Y,HEADING", 5.0),
         default="0,0,0",
         help="Pose of the scanner on the robot, m and rad.",
     ),
@@ -301,23 +310,29 @@ _BASE = "a base must stop by itself when commands end: a process that has died p
     "--env", "world", type=Choice("--env", WORLDS), default="goal", show_default=True, help="Task of an agent."
 )
 @click.option(
-    "--goal", type=Numbers("--goal", 2, "X,Y,HEADING"), help="Goal in odometry's frame, m and rad; HEADING is optional."
+    "--goal",
+    type=Numbers("--goal", 2, "X,Y,HEADING", 300.0),
+    help="Goal in odometry's frame, m and rad; HEADING is optional.",
 )
 @click.option("--path", metavar="FILE", help="Path in odometry's frame; `topic`: from the topic path.")
-@click.option("--max-speed", type=Finite(0.0, min_open=True), help="Speed limit below that of the data sheet, m/s.")
 @click.option(
-    "--max-yaw-rate", type=Finite(0.0, min_open=True), help="Yaw rate limit below that of the data sheet, rad/s."
+    "--max-speed", type=Finite(0.0, min_open=True, usual=10.0), help="Speed limit below that of the data sheet, m/s."
+)
+@click.option(
+    "--max-yaw-rate",
+    type=Finite(0.0, min_open=True, usual=40.0),
+    help="Yaw rate limit below that of the data sheet, rad/s.",
 )
 @click.option(
     "--tolerance",
-    type=Finite(0.0, min_open=True),
+    type=Finite(0.0, min_open=True, usual=5.0),
     default=0.1,
     show_default=True,
     help="Distance to the goal that counts as arrived, m.",
 )
 @click.option(
     "--turned",
-    type=Finite(0.0, min_open=True),
+    type=Finite(0.0, min_open=True, usual=3.15),
     default=0.1,
     show_default=True,
     help="Heading error that counts as arrived, rad.",

@@ -23,6 +23,7 @@ from wayfield.system.checks import choose, printable
 from wayfield.system.cluster import NoScheduler, cluster
 from wayfield.system.executors import Executor, Failed, workers
 from wayfield.system.extras import installs
+from wayfield.system.objects import FileNote
 
 SEED = click.IntRange(0, 2**31 - 1)  # what every generator that is seeded takes
 _INTERRUPTED = 128 + 2  # exit statuses as a shell reports them: 128 and the number of the signal
@@ -257,13 +258,26 @@ class Choice(click.ParamType):  # type: ignore[type-arg]  # generic from click 8
 
 
 class Finite(click.FloatRange):
-    """A number of a range; not NaN, which lies in every one, nor infinity."""
+    """A number of a range; not NaN, which lies in every one, nor infinity. One beyond `usual` is doubted in a line."""
+
+    def __init__(
+        self, least: float, most: float | None = None, min_open: bool = False, usual: float = math.inf
+    ) -> None:
+        super().__init__(least, most, min_open)
+        self.usual = usual
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         number = float(super().convert(value, param, ctx))
         if not math.isfinite(number):
             self.fail(f"{value!r} is no finite number", param, ctx)
+        if number > self.usual and param is not None:
+            warnings.warn(f"{param.opts[-1]} is {number:g}, {usual_is(self.usual)}", FileNote, stacklevel=2)
         return number
+
+
+def usual_is(most: float) -> str:
+    """Returns how a number of an option is doubted."""
+    return f"usual is at most {most:g}; units are m, s and rad"
 
 
 class Names(Choice):

@@ -663,3 +663,26 @@ def test_a_goal_that_is_none_is_refused_in_a_line(text, told):
     with pytest.raises(click.UsageError, match=told):
         Numbers("--goal", 2, "X,Y,HEADING").convert(text, None, None)
     assert Numbers("--goal", 2, "X,Y,HEADING").convert("1,0", None, None) == (1.0, 0.0)
+
+
+@pytest.mark.skipif(importlib.util.find_spec("rclpy") is not None, reason="rclpy is installed")
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("drive", "--goal", "2000,500"), "--goal is 2000 m away, usual is at most 300"),
+        (("drive", "--max-speed", "36"), "--max-speed is 36, usual is at most 10"),
+        (("drive", "--max-yaw-rate", "90"), "--max-yaw-rate is 90, usual is at most 40"),
+        (("drive", "--tolerance", "100"), "--tolerance is 100, usual is at most 5"),
+        (("drive", "--turned", "10"), "--turned is 10, usual is at most 3.15"),
+        (("excite", "--scan-pose", "100,0,0"), "--scan-pose is 100 m away, usual is at most 5"),
+        (("sim", "--timeout", "500"), "--timeout is 500, usual is at most 60"),
+        (("sim", "--lockstep", "200"), "--lockstep is 200, usual is at most 60"),
+        (("sim", "--start", "1000,0,0"), "--start is 1000 m away, usual is at most 300"),
+    ],
+)
+def test_options_in_other_units_are_doubted_in_a_line(words, told, capsys):
+    with pytest.raises(SystemExit):
+        main(list(words))
+    first, last = capsys.readouterr().err.strip().splitlines()
+    assert first == f"{words[0]}: {told}; units are m, s and rad"
+    assert "rclpy is missing" in last
