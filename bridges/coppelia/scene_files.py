@@ -2,6 +2,7 @@
 
 import os
 import runpy
+import warnings
 from typing import TYPE_CHECKING, Any
 
 from wayfield.bridges.coppelia import frames
@@ -13,9 +14,11 @@ from wayfield.bridges.coppelia.signatures import FUNCTIONS, NULL, Callback, Wait
 from wayfield.bridges.coppelia.world import World
 from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios import box, circle
+from wayfield.envs.scenarios.maps import note_degrees
+from wayfield.envs.scenarios.scenario import LONG
 from wayfield.envs.world.paths import Path
 from wayfield.system.checks import choose, number, numbers_of, pose, shown, truth
-from wayfield.system.objects import check_keys, fault, json_object
+from wayfield.system.objects import FileNote, check_keys, fault, json_object
 from wayfield.system.readers import reader
 
 if TYPE_CHECKING:
@@ -80,7 +83,29 @@ def scene_from_file(file: str, conditions: Conditions) -> World:
             _add(world, place, each)
     except ValueError as error:
         raise fault(file, error) from None
+    _doubt(file, "start", fields.get("start"))
+    for i, each in enumerate(objects):
+        _doubt(file, f"{OBJECTS}[{i}].at", each.get("at"))
+        for field in ("radius", "width", "height", "size"):
+            if each.get(field, 0.0) > 20.0:
+                _say_metres(file, f"{OBJECTS}[{i}].{field}", each[field], 20.0)
     return world
+
+
+def _doubt(file: str, place: str, at: list[float] | None) -> None:
+    """Says of a place whose heading is in degrees, or that is in other units than metres."""
+    if at is None:
+        return
+    if len(at) == 3:
+        note_degrees(file, f"{place}[2]", at[2])
+    if (far := max(map(abs, at[:2]))) > LONG:
+        _say_metres(file, place, far, LONG)
+
+
+def _say_metres(file: str, place: str, value: float, most: float) -> None:
+    warnings.warn(
+        f"{file}: {place} is {value:g} m, usual is at most {most:g}; lengths are in m", FileNote, stacklevel=3
+    )
 
 
 def _add(world: World, place: str, fields: dict[str, Any]) -> None:

@@ -9,7 +9,7 @@ from wayfield.system.checks import MOST_BYTES, repeated, shown, suggestion, unre
 
 
 class FileNote(UserWarning):
-    """What a reader took for granted in a user's file; workers, which read it again, leave it unsaid."""
+    """What was taken for granted of a user's file, argument or gain; workers, which read it again, leave it unsaid."""
 
 
 def read_text(file: str) -> str:

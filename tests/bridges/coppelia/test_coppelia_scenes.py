@@ -1,7 +1,9 @@
 """The scenes, models and objects of the server of CoppeliaSim's remote API."""
 
+import json
 import math
 import re
+import warnings
 
 import numpy as np
 import pytest
@@ -181,3 +183,23 @@ def test_a_setup_script_makes_what_scripts_ask_for(tmp_path):
         script.write_text("sim.step()\nsim.startSimulation()\nsim.step()")
         with pytest.raises(RuntimeError, match=r"sim.step waits for a pass"):
             run_setup(str(script), server)
+
+
+@pytest.mark.parametrize(
+    ("fields", "told"),
+    [
+        ({"start": [0, 0, 90]}, r"start\[2\] is 90 rad, more than a turn; degrees"),
+        ({"kind": "box", "name": "A", "at": [3, 0, 90]}, r"objects\[0\].at\[2\] is 90 rad"),
+        ({"kind": "disc", "name": "A", "at": [2000, 1000]}, r"objects\[0\].at is 2000 m, usual is at most 300"),
+        ({"kind": "cylinder", "name": "A", "at": [2, 1], "radius": 200}, r"objects\[0\].radius is 200 m"),
+        ({"kind": "robot", "at": [-2, 2, 6.28]}, ""),
+    ],
+)
+def test_a_scene_in_other_units_is_doubted_in_a_line(tmp_path, fields, told):
+    file = tmp_path / "mine.json"
+    objects = [fields] if "kind" in fields else []
+    file.write_text(json.dumps({"objects": objects} | ({} if objects else fields)))
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        make_world(str(file))
+    assert [bool(re.search(told, str(each.message))) for each in found] == [True] * bool(told)
