@@ -26,6 +26,7 @@ from wayfield.benchmarks.runs.decisions import DECISIONS, Timing, measured, read
 from wayfield.benchmarks.runs.prefetch import Prefetch
 from wayfield.benchmarks.runs.shards import Part, clear_parts, drives_of, parts_of, run_contest
 from wayfield.benchmarks.runs.suite import Setting
+from wayfield.envs.robots import ROBOTS, Sensors
 from wayfield.system.command_line import say
 from wayfield.system.executors import Executor, Failed, workers
 
@@ -82,8 +83,19 @@ def settings_of(options: Options) -> list[Setting]:
 
 
 def tell_left_out(options: Options, contests: Sequence[Contest]) -> None:
-    """Says on stderr which entrants the robot leaves out, where none was named, and why."""
-    for line in [] if options.policies else left_out(contests, options.chosen_robot):
+    """Says on stderr which entrants the robot leaves out, where none was named, and what of its sheet is not used."""
+    robot = options.chosen_robot
+    lines = [] if options.policies else list(left_out(contests, robot))
+    scans = {
+        (each.env_kwargs["num_beams"], each.env_kwargs["max_range"])
+        for each in contests
+        if "num_beams" in each.env_kwargs
+    }
+    sheet = robot.sensors.beams, robot.sensors.range
+    if robot.name not in ROBOTS and sheet != (Sensors.beams, Sensors.range) and scans - {sheet}:
+        used = " or ".join(f"{beams} beams to {most:g} m" for beams, most in sorted(scans))
+        lines.append(f"sensors of robot {robot.name!r} are not used but for the angle; every robot here has {used}")
+    for line in lines:
         say(f"evaluate: {line}", err=True)
 
 

@@ -130,6 +130,29 @@ def test_laws_that_need_what_a_robot_cannot_do_are_named_in_a_line(tmp_path: Pat
     assert [name for name in (*named, "lqr") if f",{name}," in rows] == ["lqr"]
 
 
+@pytest.mark.usefixtures("undrawn")
+@pytest.mark.parametrize(
+    ("sensors", "file", "said"),
+    [
+        ({"beams": 36, "range": 3.0}, "scene.json", True),
+        ({"beams": 72, "range": 5.0}, "scene.json", False),
+        ({}, "scene.json", False),
+        ({"beams": 36, "range": 3.0}, "way.csv", False),
+    ],
+)
+def test_a_lidar_of_a_sheet_that_a_contest_does_not_use_is_named_in_a_line(
+    tmp_path: Path, sensors: dict[str, Any], file: str, said: bool
+) -> None:
+    (tmp_path / "scene.json").write_text(json.dumps(SCENE))
+    (tmp_path / "way.csv").write_text("x,y\n0,0\n2,0\n")
+    words = ["--path", str(tmp_path / file), "--robot", cart(tmp_path, sensors=sensors), "--workers", "1"]
+    policy = "pure_pursuit" if file == "way.csv" else "vfh_plus"
+    found = CliRunner().invoke(evaluate.main, [*words, "--policies", policy, "--out", str(tmp_path / "out")])
+    assert found.exit_code == 0, found.output
+    line = "evaluate: sensors of robot 'cart' are not used but for the angle; every robot here has 72 beams to 5 m"
+    assert [each for each in found.stderr.splitlines() if "sensors" in each] == [line] * said
+
+
 def test_compare_leaves_out_a_trained_policy_without_an_agent_as_evaluate_does(tmp_path: Path) -> None:
     robot = cart(tmp_path)
     where: Any = {"contest": "goal-obstacles", "families": ["clutter_10"], "episodes": 1, "robot": robot}
