@@ -7,6 +7,7 @@ import importlib.util
 import itertools
 import os
 import re
+import subprocess
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -36,6 +37,14 @@ ASKS_FOR_A_CLASS = {
 OF_ONE_TASK = {
     *("PathScenario", "GoalScenario", "DockingScenario", "PathFollowing", "GoalReaching", "Docking"),
     *("PathFeatures", "GoalFeatures", "DockFeatures", "PathReward", "GoalReward", "Observation"),
+}
+
+# What lies at the root: the folders, and the files that somebody or some tool looks for there.
+AT_THE_ROOT = {
+    *(".ci", ".github", "benchmarks", "bridges", "docs", "envs", "examples", "package", "policies", "tests"),
+    *("CHANGELOG.md", "CITATION.cff", "CONTRIBUTING.md", "LICENSE", "README.md"),
+    *(".gitignore", "constraints-oldest.txt", "constraints.txt", "pyproject.toml", "setup.cfg"),
+    *("evaluate.py", "train.py"),
 }
 
 Function = ast.FunctionDef | ast.AsyncFunctionDef
@@ -85,6 +94,13 @@ def test_no_function_is_longer_than_a_page() -> None:
     functions = ((name, node) for name, found in nodes().items() for node in found if isinstance(node, Function))
     long = {f"{name}:{node.name}": length for name, node in functions if (length := lines(node)) > MOST_LINES}
     assert not long
+
+
+def test_nothing_lies_at_the_root_by_accident() -> None:
+    told = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False)
+    if told.returncode != 0:
+        pytest.skip("no git repository")
+    assert {name.split("/")[0] for name in told.stdout.splitlines()} - AT_THE_ROOT == set()
 
 
 def rooms() -> list[str]:
