@@ -193,9 +193,7 @@ def in_order(contest: Contest, entries: Mapping[Entry, Episodes]) -> list[Entry]
     def key(entry: Entry) -> tuple[float, ...]:
         rows = entries[entry]
         keys = [
-            solved_mean(rows, contest.cost.metric, contest)
-            if metric == COST
-            else sign * float(rows.numbers(metric).mean())
+            solved_mean(rows, contest.cost.metric) if metric == COST else sign * float(rows.numbers(metric).mean())
             for metric, sign in contest.ranked
         ]
         return tuple(math.inf if math.isnan(each) else each for each in keys)
@@ -209,7 +207,7 @@ def leader(contest: Contest, entries: Mapping[Entry, Episodes]) -> Entry:
     return next((entry for entry in order if MAP not in entries[entry][0]["knows"]), order[0])
 
 
-def solved_mean(rows: Episodes, metric: str, contest: Contest) -> float:
+def solved_mean(rows: Episodes, metric: str) -> float:
     """Returns what a scenario costs where it is solved: the mean over the scenarios, as many of each family.
 
     An agent that fails where another of its set succeeds has the mean of the others there. NaN where nothing is solved.
@@ -228,7 +226,7 @@ def solved_mean_cell(
     if factor is None or decimals is None:
         factor, decimals = (1e3, 2) if contest.cost.unit == "m" else (1.0, contest.cost.decimals)
     ends = interval(table, families, mean)
-    return _with_ends(solved_mean(rows, metric, contest), ends, factor, decimals)
+    return _with_ends(solved_mean(rows, metric), ends, factor, decimals)
 
 
 def _solved(rows: Episodes, metric: str) -> tuple[Array, list[str]]:

@@ -249,7 +249,7 @@ def _leaderboard(entries: Mapping[str, Submission]) -> str:
             contest = contest.of_rows(rows)
         cost = contest.cost
         lines = []
-        boards.sort(key=lambda each: (-each[2]["success"].mean(), solved_mean(each[2], cost.metric, contest)))
+        boards.sort(key=lambda each: (-each[2]["success"].mean(), solved_mean(each[2], cost.metric)))
         for name, each, rows in boards:
             entry = each.card["entry"]
             cells = [
