@@ -578,7 +578,7 @@ def looks(policy: Any, sights: Any, robot: str, n: int, seed: int, shares: Seque
 
 
 @pytest.mark.parametrize(
-    ("policy", "robot"), zip([*WINDOWS, WINDOWS[0]], ["p3dx", "omni4", "p3dx", "omni4"], strict=True)
+    ("policy", "robot"), [*zip([*WINDOWS, WINDOWS[0]], ["p3dx", "omni4", "p3dx", "omni4"], strict=True)]
 )
 def test_the_dynamic_window_is_its_docstring(policy: Dwa, robot: str) -> None:
     for k, me, ranges, pose, wheels, to_goal, turned, left, got in looks(policy, Sights, robot, 8, 6, [0.1, 1.0, 1.0]):
@@ -726,7 +726,7 @@ HISTOGRAMS = [
 
 
 @pytest.mark.parametrize(
-    ("policy", "robot"), zip([*HISTOGRAMS, HISTOGRAMS[0]], ["p3dx", "omni4", "p3dx", "omni4"], strict=True)
+    ("policy", "robot"), [*zip([*HISTOGRAMS, HISTOGRAMS[0]], ["p3dx", "omni4", "p3dx", "omni4"], strict=True)]
 )
 def test_the_vector_field_histogram_is_its_docstring(policy: VfhPlus, robot: str) -> None:
     for k, me, ranges, pose, wheels, to_goal, turned, left, got in looks(
