@@ -262,6 +262,18 @@ WRONG: list[tuple[Any, tuple[str, ...]]] = [
     (GOOD | {"drive": "diferential"}, ("drive='diferential'", "Did you mean 'differential'?")),
     (GOOD | {"mas": 3.0}, ("'mas' is not known", "Did you mean 'mass'?")),
     ({key: GOOD[key] for key in GOOD if key != "mass"}, ("'mass' is missing",)),
+    ({key: GOOD[key] for key in GOOD if key != "drive"}, ("'drive' is missing", "'differential', 'omni', 'mecanum'")),
+    (GOOD | {"name": "p3dx"}, ("name is 'p3dx', which ships", "another name")),
+    (GOOD | {"title": 5}, ("title is 5;", "a text")),
+    (GOOD | {"sources": "its maker"}, ("sources is 'its maker';", "fields to texts or intervals")),
+    *(
+        (GOOD | {"delay": [0.1, 0.2], "sources": {"delay": IDENTIFIED | changes}}, told)
+        for changes, told in (
+            ({"low": [0.05]}, ("sources.delay has value, low and high of different lengths;", "one length")),
+            ({"value": ["a", 0.2]}, ("sources.delay.value is ('a', 0.2);", "numbers")),
+            ({"method": 3}, ("sources.delay.method is 3;", "a text")),
+        )
+    ),
     (GOOD | {"inertia": 2.0}, ("inertia is 2;", "at most mass hull.radius^2 = 0.562 kg m^2")),
     (GOOD | {"driven_load": 1.5}, ("driven_load is 1.5;", "share of the weight")),
     (GOOD | {"peak_wheel_speed": 6.0}, ("peak_wheel_speed is 6;", "at least rated_wheel_speed, 12 rad/s")),
