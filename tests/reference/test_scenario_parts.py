@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
+from wayfield.envs.robots.references import evaluate
 from wayfield.envs.scenarios import GoalScenario, PathScenario, splits, tracing, ways
 from wayfield.envs.scenarios.obstacles import box, circle, moving_circle, obstacle_field, wall
 from wayfield.envs.scenarios.scenario import check_clear
@@ -39,6 +40,14 @@ def test_a_start_and_its_scatter_are_within_the_corridor() -> None:
     assert (larger.start, larger.path.length, larger.tier, larger.family) == ((0.5, 1.0, 1.0), 4.0, "", "f")
     assert math.isnan(larger.quantity)
     assert larger.corridor == 1.0
+
+
+def test_a_reference_twice_as_large_is_twice_as_fast_at_the_same_times() -> None:
+    (eight,) = TASKS["trajectory_tracking"].presets["eight_2m"]()
+    times = np.linspace(0.0, eight.knots[-1, 0], 50)
+    once, twice = (evaluate(each.knots, times) for each in (eight, eight.scaled(2.0)))
+    factors = np.array([2.0, 2.0, 1.0])  # a place and its derivatives, a heading
+    np.testing.assert_allclose(twice, factors[:, None, None] * once, atol=1e-12)
 
 
 def test_patrols_belong_to_discs_that_begin_on_them() -> None:
