@@ -1,6 +1,7 @@
 """Laws on bases that answer late: the state that a command will meet is predicted, and so is all that is observed."""
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Any
 
 import gymnasium
@@ -9,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from wayfield.envs.robots import ROBOTS, Robot
+from wayfield.envs.scenarios.team_scenario import TeamScenario
 from wayfield.policies import Pilot, make
 from wayfield.policies.learned.conditions import NewToAgent
 from wayfield.policies.parts.forward_prediction import ForwardPrediction
@@ -97,6 +99,29 @@ def test_the_predicted_scan_is_that_seen_from_there() -> None:
     # walls are seen to the centimetre; behind edges nothing was seen
     assert np.median(errors) < 0.01 < 0.05 < np.mean(old)
     assert np.quantile(errors, 0.9) < 0.1
+
+
+@pytest.mark.parametrize(("mine", "other"), [((0.4, 0.9), (0.0, 0.0)), ((0.0, 0.9), (0.3, 0.0))])
+def test_the_predicted_bodies_are_those_seen_from_there(mine: Sequence[float], other: Sequence[float]) -> None:
+    """Where another stands, and, turned on the spot, the velocity of one who drives."""
+    pair = TeamScenario.made("pair", [(0.0, 0.0, 0.0), (1.5, 0.4, 2.0)], [(5.0, 0.0, 0.0), (0.0, 5.0, 0.0)])
+    env: Any = gymnasium.make_vec(
+        "wayfield/DiffDriveTeam-v0", 2, robot=LATE, actuators="lagged", scenario=pair, sees="bodies"
+    )
+    seen, _ = env.reset(seed=3)
+    ahead = ForwardPrediction(env.briefing("bodies"))
+    predicted, true = [], []
+    for _ in range(60):
+        predicted.append(env.task.layout.unpack(ahead.observed(seen)).bodies[0, 0])
+        true.append(env.task.layout.unpack(seen).bodies[0, 0])
+        action = np.array([mine, other])
+        ahead.sent(action)
+        seen, *_ = env.step(action)
+    # the velocity of one who drives once it has its speed
+    begin, columns = (35, slice(2, 4)) if any(other) else (PERIODS, slice(4))
+    there, before = (np.array(true[at : at + 60 - begin])[:, columns] for at in (begin, begin - PERIODS))
+    np.testing.assert_allclose(np.array(predicted[begin - PERIODS : -PERIODS])[:, columns], there, atol=1e-3)
+    assert np.abs(there - before).max() > 0.03
 
 
 @pytest.mark.parametrize("num_envs", [1, 3])
