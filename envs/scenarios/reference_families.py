@@ -36,7 +36,6 @@ LONGEST = 1e5  # s, of a reference: two million control periods
 SLOW = 2e-3  # m/s in the mean: times of a slower one are in milliseconds, most likely
 _FINE = 240  # knots of a smooth curve
 _START_OFFSET, _START_TURN = 0.3, 0.3  # m, rad
-_OVERLAP = 24  # points of a closed curve that a spline sees of the lap before and behind
 
 
 def _no_knots() -> Array:
@@ -254,22 +253,14 @@ def _bernoulli(a: float) -> Callable[[Law], Curve]:
     return curve
 
 
-def _splined(points: Array, closed: bool) -> tuple[Callable[[Law], Curve], float]:
+def _splined(points: Array) -> tuple[Callable[[Law], Curve], float]:
     """Returns the spline of degree 5 through points (n, 2), by the length of its chords, and where it ends, m."""
-    n = len(points)
-    if closed:  # what lies more than `_OVERLAP` points away is felt no more
-        around = points[np.arange(-_OVERLAP, n + _OVERLAP + 1) % n]
-        u = chords(around)
-        u -= u[_OVERLAP]
-        knots, end = splined(around, u), float(u[_OVERLAP + n])
-    else:
-        knots = splined(points, chords(points))
-        end = float(knots[-1, 0])
+    knots = splined(points, chords(points))
 
     def curve(law: Law) -> Curve:
         return _of_derivatives(*np.moveaxis(evaluate(knots, law.u), 0, 2))
 
-    return curve, end
+    return curve, float(knots[-1, 0])
 
 
 def _through(points: Array, times: tuple[float, ...]) -> Array:
@@ -278,7 +269,7 @@ def _through(points: Array, times: tuple[float, ...]) -> Array:
     Its speed at a point is the harmonic mean of those on either side (Fritsch and Butland 1984), so that it never
     backs.
     """
-    curve, _ = _splined(points, False)
+    curve, _ = _splined(points)
     u, t = chords(points), np.array(times)
     speeds = np.diff(u) / np.diff(t)
     at = np.concatenate([[0.0], 2.0 * speeds[1:] * speeds[:-1] / (speeds[1:] + speeds[:-1]), [0.0]])
@@ -449,7 +440,7 @@ def _wandering(count: tuple[int, int], bend: float) -> Callable[[Draw], Array]:
 
 def _open(points: Array, law: Callable[[float], Law]) -> Drawn | None:
     """Returns the spline through points, driven by a law; None where it bends more than 2.5 1/m."""
-    curve, end = _splined(points, False)
+    curve, end = _splined(points)
     timing = law(end)
     places = curve(timing)
     return None if np.abs(places.bend).max() > 2.5 else (_knots(places, timing), False, None)
@@ -483,7 +474,7 @@ def _hasty(draw: Draw) -> Drawn:
 
 def _halting(draw: Draw) -> Drawn | None:
     """Returns a spline with rests on the way."""
-    curve, end = _splined(_wandering((5, 8), 60.0)(draw), False)
+    curve, end = _splined(_wandering((5, 8), 60.0)(draw))
     stops = draw.whole(2, 4)
     at = [0.0, *sorted(draw.number(0.15, 0.85) for _ in range(stops)), 1.0]
     if min(b - a for a, b in itertools.pairwise(at)) < 0.1:
