@@ -52,7 +52,7 @@ class Solver:
         self._good = (int(osqp.SolverStatus.OSQP_SOLVED), int(osqp.SolverStatus.OSQP_SOLVED_INACCURATE))
 
     def solve(
-        self, gradient: Array, lower: Array, upper: Array, hessian: Array, start: tuple[Array, Array]
+        self, share: float, gradient: Array, lower: Array, upper: Array, hessian: Array, start: tuple[Array, Array]
     ) -> tuple[Array, Array] | None:
         """Returns OSQP's solution (variables, multipliers) from a start; None if it finds none.
 
@@ -60,12 +60,13 @@ class Solver:
         process's own handler; where that goes on, the program is solved anew, so that no solution depends on it.
 
         Args:
+            share: of the sum, that is minimised in its place.
             hessian: of which the numbers of the pattern are read.
             start: variables and multipliers.
         """
         solver = self._solver
-        solver.update_data_vec(gradient, np.maximum(lower, -self._most), np.minimum(upper, self._most))
-        solver.update_data_mat(hessian.take(self._places), None, None, None)
+        solver.update_data_vec(share * gradient, np.maximum(lower, -self._most), np.minimum(upper, self._most))
+        solver.update_data_mat(share * hessian.take(self._places), None, None, None)
         while True:
             solver.warm_start(*start)
             solver.solve()

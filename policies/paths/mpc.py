@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs import path_following
+from wayfield.envs.robots import Actuators, Robot
 from wayfield.envs.robots.kinematics import limits
 from wayfield.envs.robots.records import aligned, record
 from wayfield.envs.tasks.briefing import Briefing
@@ -122,10 +123,8 @@ class Mpc(PathLaw):
     def act(self, observation: path_following.Observation, briefing: Briefing, memory: NDArray[Any]) -> Array:
         """Returns the twists (b, t): m/s, rad/s, and nothing sideways."""
         assert briefing.path is not None
-        model = self.model(briefing)
-        wheels = tuple(map(tuple, briefing.robot.wheel_matrix[:, [0, 2]].tolist()))
-        program = quadratic_program(self.horizon, wheels, self.units(model[0]), self.solver_iterations)
-        reach = BEHIND + 3.0 * math.pi * self.turn_radius + self.speed * self.horizon * self.step_of(briefing)
+        model, program = prepared(self, briefing.robot, briefing.actuators, briefing.dt)
+        reach = BEHIND + 3.0 * math.pi * self.turn_radius + self.speed * self.horizon * self.step_of(briefing.dt)
         course, motion = smoothed(briefing.path, Motion.of(observation))
         path = np.empty((math.ceil(reach / SPACING) + 4, 3))
         start = np.empty(5)
@@ -163,9 +162,9 @@ class Mpc(PathLaw):
             apply(model, commands, brake, memory["command"], i, twists)
         return unicycle_twists(briefing.robot, twists[:, 0], twists[:, 1])
 
-    def step_of(self, briefing: Briefing) -> float:
+    def step_of(self, dt: float) -> float:
         """Returns the length of a step in whole control periods, s."""
-        return max(round(self.step / briefing.dt), 1) * briefing.dt
+        return max(round(self.step / dt), 1) * dt
 
     def units(self, model: np.void) -> tuple[float, ...]:
         """Returns what a bound of each kind of row is measured in, see `QuadraticProgram`.
@@ -185,15 +184,15 @@ class Mpc(PathLaw):
             length,
         )
 
-    def model(self, briefing: Briefing) -> NDArray[np.void]:
+    def model(self, robot: Robot, actuators: Actuators, dt: float) -> NDArray[np.void]:
         """Returns one MODEL record, (1,): the robot, its actuators and the weights of the sum."""
-        step, actuators = self.step_of(briefing), briefing.actuators
-        base = plant(briefing.robot, actuators, briefing.dt)[0]
+        step = self.step_of(dt)
+        base = plant(robot, actuators, dt)[0]
         base["acceleration"], base["yaw_acceleration"] = actuators.acceleration, actuators.yaw_acceleration
         return record(
             MODEL,
             {
-                "substeps": round(step / briefing.dt),
+                "substeps": round(step / dt),
                 "plant": base,
                 "speed": self.speed,
                 "turn_radius": self.turn_radius,
@@ -270,10 +269,11 @@ class QuadraticProgram:
             return False
         share = 1.0 / max(slope, 1.0)
         solution = self._solver.solve(
-            share * self.arrays.gradient,
+            share,
+            self.arrays.gradient,
             self.scale * self.arrays.lower,
             self.scale * self.arrays.upper,
-            share * self.arrays.hessian,
+            self.arrays.hessian,
             (self.arrays.plan, share * multipliers),
         )
         if solution is None:
@@ -285,6 +285,14 @@ class QuadraticProgram:
 
 # One program serves every robot of its kind in a thread: it holds nothing of theirs from one solution to the next.
 quadratic_program = one_a_thread(QuadraticProgram)
+
+
+@one_a_thread
+def prepared(law: Mpc, robot: Robot, actuators: Actuators, dt: float) -> tuple[NDArray[np.void], QuadraticProgram]:
+    """Returns the model and the program of a law on a robot."""
+    model = law.model(robot, actuators, dt)
+    wheels = tuple(map(tuple, robot.wheel_matrix[:, [0, 2]].tolist()))
+    return model, quadratic_program(law.horizon, wheels, law.units(model[0]), law.solver_iterations)
 
 
 @any_layout

@@ -186,13 +186,8 @@ class PoseProgram:
         if not math.isfinite(slope):
             return None
         share = 1.0 / max(slope, 1e-9)
-        solution = self._solver.solve(
-            share * self.arrays.gradient,
-            self.arrays.lower,
-            self.arrays.upper,
-            share * self.arrays.hessian,
-            self._none,
-        )
+        arrays = self.arrays
+        solution = self._solver.solve(share, arrays.gradient, arrays.lower, arrays.upper, arrays.hessian, self._none)
         return None if solution is None else solution[0]
 
 

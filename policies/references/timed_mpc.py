@@ -88,10 +88,11 @@ class QuadraticProgram:
             return None
         share = 1.0 / max(float(np.abs(np.diag(self.arrays.hessian)).max()), 1e-9)
         solution = self._solver.solve(
-            share * self.arrays.gradient,
+            share,
+            self.arrays.gradient,
             self.scale * self.arrays.lower,
             self.scale * self.arrays.upper,
-            share * self.arrays.hessian,
+            self.arrays.hessian,
             (np.zeros(len(self.arrays.gradient)), np.zeros(len(self.scale))),
         )
         return None if solution is None else solution[0].reshape(self.shape)

@@ -64,7 +64,7 @@ class Problem:
     def __init__(self, drive: Drive, policy: Mpc) -> None:
         self.policy, self.drive = policy, drive
         briefing, seen = drive.pilot.briefing, drive.seen()
-        self.model = policy.model(briefing)
+        self.model = policy.model(briefing.robot, briefing.actuators, briefing.dt)
         self.path = np.empty((200, 3))
         self.start = np.empty(5)
         assert briefing.path is not None
