@@ -32,14 +32,19 @@ import rich.table
 from numpy.typing import NDArray
 
 import wayfield.envs  # noqa: F401  registers the ids
+from wayfield.benchmarks.contests import ALL_CONTESTS
 from wayfield.benchmarks.records.cases import GOAL_REACHING, PATH_FOLLOWING
 from wayfield.benchmarks.records.progress import tracked
+from wayfield.benchmarks.tuning.tune import SEARCH_SPLIT, Search
 from wayfield.envs.crowds.people import ORCA, TURNS_BACK, WALK, stroll
+from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios import TASKS
 from wayfield.envs.scenarios.team_scenario import TeamScenario
 from wayfield.envs.tasks.task import CONTROL_PERIOD
+from wayfield.policies.parts.tuned import PACE
 from wayfield.system.checks import MOST_THREADS
 from wayfield.system.command_line import OneLineErrors
+from wayfield.system.executors import HERE
 
 CARTPOLE = "CartPole-v1"
 NUM_ENVS = 1024
@@ -391,6 +396,36 @@ def deciding() -> list[Contender]:
     return chosen
 
 
+TUNED = {
+    "path-following": ("pure_pursuit", "stanley", "lqr", "mpc"),
+    "trajectory-tracking": ("kanayama", "tv_lqr"),
+    "docking": ("smooth_pose", "mpc_pose", "reeds_shepp"),
+    "goal-obstacles": ("vfh_plus", "dwa", "scan_planner", "mppi", "nav2_mppi"),
+}  # some of those that `wayfield tune` searches gains of, by contest
+SLOW = ("mpc", "mppi", "nav2_mppi")  # for which it does not matter how many robots decide at once
+FEW = 1  # scenarios of each family, for those
+
+
+def _print_tuning(rounds: int) -> None:
+    """Prints how many steps of robots a search drives in a second of processor time, with its default gains."""
+    searches = []
+    for suite, names in TUNED.items():
+        contest = ALL_CONTESTS[suite]
+        speed = contest.rules.speed if contest.rules and contest.rules.speed else PACE
+        for name in names:
+            count = FEW if name in SLOW else 10  # scenarios of each family, as the search has them
+            searches.append(Search(name, contest, ROBOTS["p3dx"], speed, "none", "lagged", 0, 1, count, 0))
+    rates: dict[str, list[float]] = {search.policy: [] for search in searches}
+    for n in range(rounds + 1):
+        for search in tracked(searches, len(searches), f"searches, turn {n}"):
+            start = time.process_time()
+            frames = search.drive(search.gains_at({}), SEARCH_SPLIT, HERE).score.frames
+            if n:  # in the first one it is compiled
+                rates[search.policy].append(frames / (time.process_time() - start))
+    for name, values in rates.items():
+        print(f"{name}: {statistics.median(values):,.0f} steps a second")
+
+
 def _by_pytorch_mppi() -> Steps:
     """Returns decisions of a unicycle among ten discs: its costs are distances, as few operations as there can be."""
     import torch
@@ -549,8 +584,11 @@ def measured(chosen: list[Contender], rounds: int, seconds: float) -> list[tuple
 @click.option(
     "--decisions", is_flag=True, help="Instead: planners of one robot, beside pytorch_mppi and do-mpc where there are."
 )
+@click.option("--tuning", is_flag=True, help="Instead: what a search of gains drives a second of processor time.")
 @click.option("--memory", is_flag=True, help="Instead: the bytes a robot of every id (Linux).")
-def main(rounds: int, seconds: float, threads: int | None, crowded: bool, decisions: bool, memory: bool) -> None:
+def main(
+    rounds: int, seconds: float, threads: int | None, crowded: bool, decisions: bool, tuning: bool, memory: bool
+) -> None:
     """Prints the environments' steps per second, beside those of CartPole."""
     if not 0.0 < seconds <= 60.0:  # NaN is neither
         raise click.UsageError(f"--seconds {seconds} must be above 0 and at most 60")
@@ -560,6 +598,9 @@ def main(rounds: int, seconds: float, threads: int | None, crowded: bool, decisi
         _print_memory()
         return
     numba.set_num_threads(1)
+    if tuning:
+        _print_tuning(rounds)
+        return
     if crowded or decisions:
         for contender, value in measured(crowds() if crowded else deciding(), rounds, seconds):
             print(f"{contender.name}, {contender.robots:,} at once: {value:,.0f} a second")
