@@ -642,8 +642,9 @@ class World:
         self.turns = robot.hull_box is not None  # whether it matters how the hull is turned
         self.pushable: list[tuple[int, pymunk.Body]] = []
         self.moving: list[tuple[int, pymunk.Body]] = []
+        x, y = (0.5 * side for side in robot.hull_box or (0.0, 0.0))
         shapes: list[pymunk.Shape] = [
-            pymunk.Poly.create_box(self.hull, robot.hull_box)
+            pymunk.Poly.create_box_bb(self.hull, pymunk.BB(robot.hull_x - x, -y, robot.hull_x + x, y))
             if robot.hull_box
             else pymunk.Circle(self.hull, robot.hull_radius)
         ]

@@ -476,8 +476,9 @@ def _draw_robot(
         canvas.disc(colour, centre, radius_px, 1.5)
     else:
         corners = 0.5 * np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]]) * robot.hull_box
-        canvas.polygon(colour, pixels(corners))
-        canvas.polygon(hull, pixels(0.94 * corners))
+        middle = np.array([robot.hull_x, 0.0])
+        canvas.polygon(colour, pixels(corners + middle))
+        canvas.polygon(hull, pixels(0.94 * corners + middle))
     canvas.polygon(colour, pixels(_body_outline(robot)))
     for wheel in robot.built:
         canvas.polygon(_INK, pixels(_wheel_outline((wheel.x, wheel.y), wheel.direction, wheel.radius)))

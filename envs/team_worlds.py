@@ -455,6 +455,7 @@ def begin_world(p, robots, crowd, world, w, draws, j, outputs):
         hull = bodies.hulls[w, r]
         hull.half_length = 0.5 * p.hull_length
         hull.half_width = 0.5 * p.hull_width
+        hull.ahead = p.hull_x
         hull.radius = p.hull_radius if p.hull_length == 0.0 else 0.0
         hull.reach = p.hull_radius
         hull.kind = ROBOT

@@ -88,7 +88,8 @@ def _shape(obstacle: NDArray[np.void]) -> dict[str, Any]:
 def _hull(robot: Robot) -> dict[str, Any]:
     """Returns the hull of a robot, a cylinder or a cube that goes with it."""
     length, width = robot.hull_box or (2.0 * robot.hull_radius,) * 2
-    shape = {"pose": _pose(0.0, 0.0, 0.0, _HEIGHT / 2), "size": {"x": length, "y": width, "z": _HEIGHT}, "color": _BLUE}
+    size = {"x": length, "y": width, "z": _HEIGHT}
+    shape = {"pose": _pose(robot.hull_x, 0.0, 0.0, _HEIGHT / 2), "size": size, "color": _BLUE}
     round_ = {"cylinders": [{**shape, "bottom_scale": 1.0, "top_scale": 1.0}]}
     entity = _entity("hull", 0.0, round_ if robot.hull_box is None else {"cubes": [shape]})
     return entity | {"frame_id": "base", "frame_locked": True}

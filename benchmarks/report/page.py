@@ -249,7 +249,7 @@ def rendered(
         "missing": content.missing,
         "made": how,
         "hulls": {name: robot.hull_radius for name, robot in ROBOTS.items()},
-        "boxes": {name: robot.hull_box for name, robot in ROBOTS.items() if robot.hull_box is not None},
+        "boxes": {name: (*robot.hull_box, robot.hull_x) for name, robot in ROBOTS.items() if robot.hull_box},
         **(extra or {}),
     }
     template = asset("page.html")

@@ -172,7 +172,7 @@ def write_worlds(folder: Path, settings: Iterable[Setting]) -> None:
     settings = list(settings)
     keys = [key for setting in settings for key in keys_of(setting)]
     robots = [robot for setting in settings for robot in [_robot(setting)] * setting.episodes]
-    hulls = [list(robot.hull_box) if robot.hull_box is not None else robot.hull_radius for robot in robots]
+    hulls = [[*robot.hull_box, robot.hull_x] if robot.hull_box is not None else robot.hull_radius for robot in robots]
     content = {"worlds": worlds_of(settings), "rows": keys, "hulls": hulls}
     write_whole(folder / WORLDS, json.dumps(content, separators=(",", ":")).encode())
 
@@ -186,7 +186,7 @@ def write_worlds(folder: Path, settings: Iterable[Setting]) -> None:
 def read_worlds(folder: Path) -> tuple[Mapping[str, World], list[str], list[float | list[float]]]:
     """Returns the scenarios of a run by their key, and of each row its key and, where told, its hull (m).
 
-    A hull is its radius, or length and width of a rectangle.
+    A hull is its radius, or length and width of a rectangle and how far ahead of the pose its middle lies.
 
     Raises:
         ValueError: if the file is no such JSON; the message names it.
@@ -203,7 +203,7 @@ def read_worlds(folder: Path) -> tuple[Mapping[str, World], list[str], list[floa
         if not isinstance(rows, list) or not all(key == "" or key in worlds for key in rows):
             raise ValueError("rows must be a list of keys of worlds")
         if not isinstance(hulls, list) or not all(map(_is_hull, hulls)):
-            raise ValueError("hulls must be a list of radii, or of pairs of a length and a width, in m")
+            raise ValueError("hulls must be a list of radii, or of lists of a length, a width and how far ahead, in m")
         if len(hulls) not in (0, len(rows)):
             raise ValueError(f"hulls has {len(hulls)} entries, one for each of {len(rows)} rows there must be")
     except (LookupError, RecursionError, TypeError, ValueError) as error:
@@ -212,6 +212,6 @@ def read_worlds(folder: Path) -> tuple[Mapping[str, World], list[str], list[floa
 
 
 def _is_hull(value: Any) -> bool:
-    """Returns whether a value is a radius, or the length and the width of a rectangle."""
-    sides = value if isinstance(value, list) and len(value) == 2 else [value]
-    return all(is_number(each) and each >= 0.0 for each in sides)
+    """Returns whether a value is a radius, or length and width of a rectangle and, where told, its middle."""
+    numbers = value if isinstance(value, list) and len(value) in (2, 3) else [value]
+    return all(map(is_number, numbers)) and min(numbers[:2]) >= 0.0

@@ -70,8 +70,8 @@ KINDS = {
 
 def disc(hull: float) -> Robot:
     """Returns a base with the drive of the MiR100 and a disc as its hull (m)."""
-    inertia = 0.5 * BASE.mass * hull**2
-    return dataclasses.replace(BASE, name=f"disc_{100.0 * hull:.0f}", hull_box=None, hull_radius=hull, inertia=inertia)
+    name, inertia = f"disc_{100.0 * hull:.0f}", 0.5 * BASE.mass * hull**2
+    return dataclasses.replace(BASE, name=name, hull_box=None, hull_x=0.0, hull_radius=hull, inertia=inertia)
 
 
 BASES = {robot.name: robot for robot in (*map(disc, HULLS), BASE, ROBOTS["husky"])}

@@ -58,7 +58,7 @@ def _robot(axis: Any, robot: Robot, most: float) -> None:
         hull: Any = Circle((0.0, 0.0), robot.hull_radius)
     else:
         length, width = robot.hull_box
-        hull = Rectangle((-0.5 * length, -0.5 * width), length, width)
+        hull = Rectangle((robot.hull_x - 0.5 * length, -0.5 * width), length, width)
     hull.set(facecolor=_BODY, edgecolor=colour(1), linewidth=1.2)
     axis.add_patch(hull)
     for wheel in robot.built:

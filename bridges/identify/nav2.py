@@ -424,7 +424,7 @@ def _hull(robot: Robot) -> Block:
     if robot.hull_box is None:
         return {"robot_radius": Entry(robot.hull_radius, f"hull of {robot.name}, m")}
     x, y = (0.5 * each for each in robot.hull_box)
-    corners = ", ".join(f"[{a * x:g}, {b * y:g}]" for a, b in ((1, 1), (1, -1), (-1, -1), (-1, 1)))
+    corners = ", ".join(f"[{robot.hull_x + a * x:g}, {b * y:g}]" for a, b in ((1, 1), (1, -1), (-1, -1), (-1, 1)))
     return {"footprint": Entry(f"[{corners}]", f"hull of {robot.name}, m")}
 
 

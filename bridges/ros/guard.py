@@ -139,13 +139,13 @@ def _from_hull(
         distances = np.hypot(hits[:, 0], hits[:, 1])
         normals = hits / np.maximum(distances, 1e-9)[:, None]
         return normals * robot.hull_radius, normals, distances - robot.hull_radius
-    half = 0.5 * np.array(robot.hull_box)
-    nearest = np.clip(hits, -half, half)
+    half, middle = 0.5 * np.array(robot.hull_box), np.array([robot.hull_x, 0.0])
+    nearest = np.clip(hits, middle - half, middle + half)
     apart = hits - nearest
     gaps = np.hypot(apart[:, 0], apart[:, 1])
     inside = gaps < 1e-9
     # what is seen within the hull is a hit at its middle's side
-    apart[inside] = hits[inside]
+    apart[inside] = hits[inside] - middle
     normals = apart / np.maximum(np.hypot(apart[:, 0], apart[:, 1]), 1e-9)[:, None]
     return nearest, normals, gaps
 

@@ -44,6 +44,7 @@ HULL = np.dtype(
     [
         ("half_length", np.float64),  # m, along the heading; 0: a disc
         ("half_width", np.float64),  # m
+        ("ahead", np.float64),  # m, of its middle
         ("radius", np.float64),  # m, of a disc; 0 of a rectangle, as of an OBSTACLE
         ("reach", np.float64),  # m, of the disc around it
         ("kind", np.int64),  # ROBOT or PERSON
@@ -400,8 +401,8 @@ def note_body(bodies, now, w, i, j, x, y, far, cells, count):
     if j == i or place.present == 0 or dx * dx + dy * dy > 1.000001 * reach * reach:
         return count
     shape = cells.met[0, count]
-    shape.x = place.x
-    shape.y = place.y
+    shape.x = place.x + hull.ahead * place.cos
+    shape.y = place.y + hull.ahead * place.sin
     disc = hull.half_length == 0.0
     # a disc has no heading, as a circle that stands
     shape.cos = 1.0 if disc else place.cos

@@ -656,6 +656,7 @@ def note_hulls(bodies, people, w, scenario, robots):
         hull = bodies.hulls[w, robots + k]
         hull.half_length = 0.0
         hull.half_width = 0.0
+        hull.ahead = 0.0
         hull.radius = walk.radius
         hull.reach = walk.radius
         hull.kind = PERSON

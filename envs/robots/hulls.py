@@ -25,7 +25,9 @@ def clearance_of(robot: Robot, obstacles: NDArray[np.void], count: int, pose: An
     if robot.hull_box is None:
         return float(clearance(obstacles, count, x, y)) - robot.hull_radius
     half_length, half_width = (0.5 * side for side in robot.hull_box)
-    return float(boxes_clearance(obstacles, count, (x, y, heading), half_length, half_width))
+    sine, cosine = sin_cos(heading)
+    middle = x + robot.hull_x * cosine, y + robot.hull_x * sine, heading
+    return float(boxes_clearance(obstacles, count, middle, half_length, half_width))
 
 
 @inlined
@@ -61,6 +63,8 @@ def box_clearance(p, robots, i, s, x, y, heading):
     sine, cosine = sin_cos(heading)
     half_length = 0.5 * p.hull_length
     half_width = 0.5 * p.hull_width
+    x += p.hull_x * cosine
+    y += p.hull_x * sine
     pose = (x, y, cosine, sine)
     count = s.num_obstacles
     blocks = s.num_blocks
@@ -87,7 +91,7 @@ def nearer_rectangle(p, obstacles, i, first, last, pose, nearest):
 
     Args:
         first, last: the obstacles meant, from the first on and without the last.
-        pose: x, y (m), cosine and sine of the heading.
+        pose: x, y (m) of its middle, cosine and sine of the heading.
     """
     x, y, cosine, sine = pose
     for j in range(first, last):
@@ -247,6 +251,8 @@ def touched(p, robots, i, s, j, x, y, heading):
     sine, cosine = sin_cos(heading)
     half_length = 0.5 * p.hull_length
     half_width = 0.5 * p.hull_width
+    x += p.hull_x * cosine
+    y += p.hull_x * sine
     if j >= 0:
         return -rectangle_distance(robots.obstacles[s.field, j], x, y, cosine, sine, half_length, half_width)
     frame = robots.grids.frames[s.scenario]

@@ -6,8 +6,9 @@ The base is a free body. What a data sheet does not say is chosen here and is th
   The centre of mass lies at the height of the axles.
 * Wheel motors are velocity servos of 1 ms, with at most twice the torque at which the wheel slips. Rotor and gear have
   as much inertia, seen from the wheel, as the share of the robot that the wheel carries.
-* A differential drive has a frictionless caster behind, which bears what the wheels do not, and a pad in front, 1 mm
-  above the floor, on which it would tip. Of other bases the friction is scaled by `driven_load` instead.
+* A differential drive has a frictionless caster behind (ahead if the hull reaches farther there), which bears what the
+  wheels do not, and a pad at the other end, 1 mm above the floor, on which it would tip. Of other bases the friction
+  is scaled by `driven_load` instead.
 
 Wheels, by drive:
 
@@ -46,7 +47,7 @@ _WHEEL_MASS = 0.025  # of the robot's
 _WHEEL_INERTIA = 0.3  # of the robot's, that all wheels have at most
 _SERVO = 1e-3  # s
 _TORQUE = 2.0  # times the one at which a wheel slips
-_CASTER = 0.7  # times the hull's half length: where it stands behind the axle
+_CASTER = 0.7  # of the way from the axle to the end of the hull: where caster and pad stand
 _PAD = 1e-3  # m above the floor
 # How soft contacts with the floor are. Stiff, light rollers do not sink in; soft, by 0.7 mm as a tyre, both edges of a
 # cylinder stay on the floor: stiffer ones chatter in turns, and scrub next to nothing. MuJoCo leaves out how fast a
@@ -109,8 +110,10 @@ class _Base:
         self.height = float(np.mean([wheel.radius for wheel in self.built]))
         self.caster = robot.drive == "differential" and not robot.wheelbase
         half = 0.5 * robot.hull_box[0] if robot.hull_box else robot.hull_radius
-        self.behind = _CASTER * half
-        middle = np.array([-(1.0 - robot.driven_load) * self.behind if self.caster else 0.0, 0.0])
+        # under the longer end, which is the one behind where none is longer
+        side = math.copysign(_CASTER, robot.hull_x or -1.0)
+        self.supports = side * (half + abs(robot.hull_x)), side * (abs(robot.hull_x) - half)
+        middle = np.array([(1.0 - robot.driven_load) * self.supports[0] if self.caster else 0.0, 0.0])
         places = np.array([(wheel.x, wheel.y) for wheel in self.built])
         arms = ((places - middle) ** 2).sum(axis=1)
         own = np.array([wheel.radius**2 for wheel in self.built]) * (0.25 + WIDTH**2 / 12.0)
@@ -204,11 +207,11 @@ def _robot(world: Element, base: _Base, prefix: str) -> None:
     if robot.hull_box:
         shape = {"type": "box", "size": (0.5 * robot.hull_box[0], 0.5 * robot.hull_box[1], half)}
     blue = "0.30 0.55 0.80 0.35"
-    _add(body, "geom", name=f"{prefix}hull", pos=(0.0, 0.0, middle), mass=0.0, rgba=blue, **shape, **_SOLID)
+    _add(body, "geom", name=f"{prefix}hull", pos=(robot.hull_x, 0.0, middle), mass=0.0, rgba=blue, **shape, **_SOLID)
     if base.caster:
         small = 0.5 * base.height
         level = 0.0 if robot.driven_load == 1.0 else _PAD
-        for part, at, z in (("caster", -base.behind, small), ("pad", base.behind, small + level)):
+        for part, at, z in zip(("caster", "pad"), base.supports, (small, small + level), strict=True):
             place = (at, 0.0, z)
             _add(body, "geom", name=prefix + part, type="sphere", size=small, pos=place, mass=0.0, rgba=_GREY, **_GHOST)
     for i, wheel in enumerate(base.built):

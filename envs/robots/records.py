@@ -81,9 +81,10 @@ ROBOT_PARAMS = [
     ("lags", np.float64, (3,)),  # s
     ("deceleration", np.float64),  # m/s^2
     ("yaw_deceleration", np.float64),  # rad/s^2
-    ("hull_radius", np.float64),  # m; of a rectangle, the disc around it
+    ("hull_radius", np.float64),  # m; of a rectangle, the disc around it about the pose
     ("hull_length", np.float64),  # m, of a rectangle; 0: the hull is a disc
     ("hull_width", np.float64),  # m
+    ("hull_x", np.float64),  # m, of its middle, ahead of the pose
     ("perfect_pose", np.int64),  # 1: the measured pose and twist are the true ones
     ("pose_from_odometry", np.int64),
     ("passive_encoders", np.int64),  # 1: encoders follow the body, 0: the drive wheels

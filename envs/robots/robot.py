@@ -164,7 +164,8 @@ class Robot:
     name: str
     drive: str  # "differential", "omni" or "mecanum"
     wheels: tuple[Wheel, ...]  # of a differential drive right, left
-    # m, the disc that must not touch anything, or the one around `hull_box`; 0, of a point, for studies in Python alone
+    # m, the disc that must not touch anything, or the one around `hull_box`, about the pose; 0, of a point, for studies
+    # in Python alone
     hull_radius: float
     mass: float  # kg
     inertia: float  # kg m^2, about the vertical axis
@@ -191,6 +192,7 @@ class Robot:
     track: float | None = None  # m; None: as `wheels` say
     wheelbase: float = 0.0  # m, between the axles of a skid steer
     hull_box: tuple[float, float] | None = None  # m, length and width of a rectangle; None: the hull is a disc
+    hull_x: float = 0.0  # m, how far its middle lies ahead of the pose, which is the axle's middle
     title: str = dataclasses.field(default="", compare=False, repr=False)
     # by field: a text, or an `Interval` of what was identified
     sources: Mapping[str, str | Interval] = dataclasses.field(default_factory=dict, compare=False, repr=False)
@@ -208,7 +210,13 @@ class Robot:
             object.__setattr__(self, "turn_speed", _number("turn_speed", self.turn_speed))
         if self.hull_box is not None:
             object.__setattr__(self, "hull_box", _box(self.hull_box))
-            object.__setattr__(self, "hull_radius", 0.5 * math.hypot(*self.hull_box))
+            length, width = self.hull_box
+            object.__setattr__(self, "hull_radius", 0.5 * math.hypot(length + 2.0 * abs(real(self.hull_x)), width))
+        most = 0.5 * self.hull_box[0] if self.hull_box else 0.0
+        if not abs(real(self.hull_x)) <= most:
+            within = f"a number from {-most:g} to {most:g} m: the pose lies within the hull" if most else "0 for a disc"
+            raise ValueError(f"hull.x is {shown(self.hull_x)}; it must be {within}")
+        object.__setattr__(self, "hull_x", real(self.hull_x))
         if real(self.hull_radius) != 0.0:
             object.__setattr__(self, "hull_radius", _number("hull.radius", self.hull_radius))
         if self.track is not None:
@@ -270,7 +278,8 @@ class Robot:
         for i, wheel in enumerate(self.built):
             distance = math.hypot(wheel.x, wheel.y)
             if self.hull_box:
-                for name, at, size in zip(("length", "width"), (wheel.x, wheel.y), self.hull_box, strict=True):
+                places = wheel.x - self.hull_x, wheel.y
+                for name, at, size in zip(("length", "width"), places, self.hull_box, strict=True):
                     if abs(at) > 0.5 * size * (1.0 + 1e-9):
                         raise ValueError(
                             f"hull.{name} is {size:g}; it must be at least {2.0 * abs(at):.3g} m, for wheels[{i}]"
@@ -326,6 +335,8 @@ class Robot:
                 content["wheels"]["wheelbase"] = self.wheelbase
         if self.hull_box:
             content["hull"] = {"kind": "box", "length": self.hull_box[0], "width": self.hull_box[1]}
+            if self.hull_x:
+                content["hull"]["x"] = self.hull_x
         else:
             content["hull"] = {"radius": self.hull_radius}
         for name in ("mass", "inertia", "friction", "driven_load", "rated_wheel_speed", "peak_wheel_speed"):
@@ -368,7 +379,7 @@ class Robot:
 
     @property
     def least_half(self) -> float:
-        """Returns the radius (m) of the largest disc about the middle that the hull holds."""
+        """Returns the radius (m) of the largest disc that the hull holds."""
         return 0.5 * min(self.hull_box) if self.hull_box else self.hull_radius
 
     @property
@@ -488,7 +499,7 @@ class Robot:
         for name in ("name", "title", "sources"):
             del content[name]
         # sheets without a field are what they were before there was one
-        for name, absent in _ABSENT.items():
+        for name, absent in {**_ABSENT, "hull_x": 0.0}.items():
             if content[name] == absent:
                 del content[name]
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
@@ -557,7 +568,7 @@ _SAMPLE = """{"name": "mine", "title": "My robot", "drive": "differential", "whe
 "angle": 4.71}, "sources":
 {"wheels": "measured", "delay": {"value": [0.12, 0.16], "low": [0.11, 0.15], "high": [0.13, 0.17],
 "method": "profile likelihood, 95 %", "from": "a log"}}}"""
-_BOX = '{"kind": "box", "length": 0.5, "width": 0.4}'
+_BOX = '{"kind": "box", "length": 0.5, "width": 0.4, "x": 0.03}'
 _OMNI_SAMPLE = """{"drive": "omni", "wheels": [{"x": 0.2, "y": 0, "direction": 1.57, "radius": 0.04}, {"x": -0.1,
 "y": 0.17, "direction": 3.67, "radius": 0.04}, {"x": -0.1, "y": -0.17, "direction": 5.76, "radius": 0.05}], "encoders":
 [{"x": 0, "y": 0.1, "direction": 0, "radius": 0.02}, {"x": -0.1, "y": 0, "direction": 1.57, "radius": 0.02}], "hull":
@@ -670,10 +681,11 @@ def _hull(file: str, value: Any) -> dict[str, Any]:
     kind = value.get("kind", "disc") if isinstance(value, dict) else "disc"
     choose("hull.kind", kind, kinds)
     named = ("kind",) if isinstance(value, dict) and "kind" in value else ()
-    hull = _object(file, "hull", value, (*kinds[kind], *named), kinds[kind])
+    more = ("x",) if kind == "box" else ()
+    hull = _object(file, "hull", value, (*kinds[kind], *more, *named), kinds[kind])
     if kind == "disc":
         return {"hull_radius": _number("hull.radius", hull["radius"])}
-    return {"hull_radius": 0.0, "hull_box": (hull["length"], hull["width"])}
+    return {"hull_radius": 0.0, "hull_box": (hull["length"], hull["width"]), "hull_x": hull.get("x", 0.0)}
 
 
 def _box(value: Any) -> tuple[float, float]:

@@ -95,6 +95,7 @@ class Options:
             "hull_radius": robot.hull_radius,
             "hull_length": robot.hull_box[0] if robot.hull_box else 0.0,
             "hull_width": robot.hull_box[1] if robot.hull_box else 0.0,
+            "hull_x": robot.hull_x,
             "perfect_pose": true_pose and right,
             "pose_from_odometry": not true_pose,
             "passive_encoders": passive,

@@ -1,5 +1,6 @@
 """Hulls that are rectangles: their distance from what stands around, against formulas of another kind, and contact."""
 
+import dataclasses
 import itertools
 import json
 import math
@@ -21,6 +22,8 @@ from wayfield.system.elementary import sin_cos
 
 JACKAL = ROBOTS["jackal"]
 HALVES = (0.254, 0.215)  # m
+OFF = 0.11  # m, from the pose to the middle of a hull
+AHEAD, BEHIND = (dataclasses.replace(JACKAL, name=f"off{x}", hull_x=x) for x in (OFF, -OFF))
 PLACE, ANGLE, SIZE = st.floats(-3.0, 3.0), st.floats(-7.0, 7.0), st.floats(0.05, 2.0)
 SHAPES = st.one_of(
     st.builds(circle, PLACE, PLACE, SIZE),
@@ -153,9 +156,9 @@ def world(folder: Path, **fields: Any) -> str:
     return str(file)
 
 
-def jackal(scenario: str, dynamics: str = "kinematic") -> Any:
+def jackal(scenario: str, dynamics: str = "kinematic", robot: Any = "jackal") -> Any:
     return gymnasium.make(
-        "wayfield/DiffDriveGoalObstacles-v0", robot="jackal", scenario=scenario, dynamics=dynamics, num_beams=8
+        "wayfield/DiffDriveGoalObstacles-v0", robot=robot, scenario=scenario, dynamics=dynamics, num_beams=8
     )
 
 
@@ -256,3 +259,71 @@ def test_a_shove_does_not_turn_it_into_a_wall(tmp_path: Path) -> None:
     assert info["time"] == pytest.approx(2.55)
     assert state["heading"] == 0.0
     assert info["clearance"] > 0.0
+
+
+def cleared(robot: Any, poses: np.ndarray, scenario: str) -> np.ndarray:
+    """Returns the clearances that a batch of robots has at poses (n, 3), once none of them has moved for a period."""
+    env: Any = gymnasium.make_vec(
+        "wayfield/DiffDriveGoalObstacles-v0", len(poses), robot=robot, scenario=scenario, num_beams=0
+    )
+    env.reset(seed=0)
+    states = env.batch.states
+    states["x"], states["y"], states["heading"] = poses.T
+    states["clearance"] = np.inf
+    *_, info = env.step(np.zeros((len(poses), 2), np.float32))
+    return np.array(info["clearance"])
+
+
+@pytest.mark.parametrize("mapped", [False, True])
+def test_a_hull_off_the_axle_is_one_about_its_own_middle(mapped: bool, tmp_path: Path) -> None:
+    rng = np.random.default_rng(7)
+    shapes: list[dict[str, Any]] = []
+    for x, y, size in zip(*rng.uniform(-8.0, 8.0, (2, 60)), rng.uniform(0.1, 0.5, 60), strict=True):
+        if math.hypot(x, y) > 1.5:
+            shapes.append({"kind": "box", "x": x, "y": y, "heading": 5.0 * size, "length": size, "width": 0.2})
+            shapes.append({"kind": "circle", "x": y, "y": x, "radius": 0.5 * size})
+    around: dict[str, Any] = {"obstacles": shapes, "goal": [0.5, 0, 0]}
+    if mapped:
+        room = rng.random((80, 80)) < 0.02
+        room[33:47, 33:47] = False
+        np.save(tmp_path / "room.npy", room)
+        around["map"] = {"file": "room.npy", "resolution": 0.2, "origin": [-8.0, -8.0, 0.0], "unknown": "free"}
+    file = world(tmp_path, **around)
+    poses = rng.uniform((-8.0, -8.0, -3.1), (8.0, 8.0, 3.1), (400, 3))
+    ways = np.column_stack([np.cos(poses[:, 2]), np.sin(poses[:, 2]), np.zeros(len(poses))])
+    found = cleared(AHEAD, poses, file)
+    assert (found < 0.0).sum() > 20
+    np.testing.assert_allclose(found, cleared(JACKAL, poses + OFF * ways, file), rtol=0.0, atol=1e-9)
+    # driven backwards the other end is ahead
+    turned = poses.copy()
+    turned[:, 2] += np.where(turned[:, 2] > 0.0, -math.pi, math.pi)
+    np.testing.assert_allclose(found, cleared(BEHIND, turned, file), rtol=0.0, atol=1e-9)
+    if not mapped:
+        env = jackal(file, robot=AHEAD).unwrapped
+        field = env.batch.obstacles[0]
+        alone = [clearance_of(AHEAD, field, len(shapes), pose) for pose in poses.tolist()]
+        np.testing.assert_allclose(found, alone, rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("dynamics", ["kinematic", "pymunk"])
+def test_turning_on_the_spot_it_touches_with_its_longer_end_alone(dynamics: str, tmp_path: Path) -> None:
+    longer, shorter = (math.hypot(HALVES[0] + off, HALVES[1]) for off in (OFF, -OFF))
+    assert pytest.approx(longer, abs=1e-12) == AHEAD.hull_radius == BEHIND.hull_radius
+    disc = {"kind": "circle", "x": 3.0, "y": 0.5 * (longer + shorter) + 0.05, "radius": 0.05}
+    file = world(tmp_path, obstacles=[disc])
+    headings = []
+    for robot, way in ((AHEAD, 1.0), (BEHIND, -1.0), (AHEAD, -1.0)):
+        env = jackal(file, dynamics, robot).unwrapped
+        env.reset(seed=0)
+        state, field = env.batch.states[0], env.batch.obstacles[0]
+        state["x"], state["clearance"], collision = 3.0, clearance_of(robot, field, 1, (3.0, 0.0, 0.0)), False
+        while abs(state["heading"]) < 2.5 and not collision:
+            _, _, _, _, info = env.step(np.array([0.0, 0.5 * way], np.float32))
+            collision = bool(info["collision"])
+        assert collision == (len(headings) < 2)  # its shorter end goes by
+        headings.append(float(state["heading"]))
+        if collision:
+            pose = tuple(float(state[name]) for name in ("x", "y", "heading"))
+            assert clearance_of(robot, field, 1, pose) == pytest.approx(0.0, abs=3e-3)
+    assert 0.0 < headings[0] < 0.5 * math.pi
+    assert headings[0] == pytest.approx(-headings[1], abs=1e-6 if dynamics == "kinematic" else 1e-2)

@@ -248,7 +248,8 @@ def test_pushed_boxes_slide_to_rest_by_friction_and_walls_hold(tmp_path: Path) -
 def test_the_corner_of_a_box_touches_at_the_same_place_on_every_plant(
     dynamics: str, way: float, tmp_path: Path
 ) -> None:
-    length, width = ROBOTS["mir100"].hull_box or (0.0, 0.0)
+    base = ROBOTS["mir100"]
+    length, width = base.hull_box or (0.0, 0.0)
     disc = {"kind": "circle", "x": 2.0 * way, "y": 0.5 * width + 0.12, "radius": 0.2}  # 0.16 m before it: 3, 4, 5
     env = arena(tmp_path, disc, robot="mir100", dynamics=dynamics, end_on_contact=True)
     ended = False
@@ -256,7 +257,7 @@ def test_the_corner_of_a_box_touches_at_the_same_place_on_every_plant(
         *_, ended, _, info = env.step(np.array([0.4 * way, 0.0]))
         assert info["time"] < 10.0
     assert info["collision"]
-    assert way * pose(env)[0] == pytest.approx(2.0 - 0.16 - 0.5 * length, abs=8e-3)
+    assert way * pose(env)[0] == pytest.approx(2.0 - 0.16 - (0.5 * length + way * base.hull_x), abs=8e-3)
 
 
 def test_contact_ends_the_episode_where_a_map_is_occupied(tmp_path: Path) -> None:

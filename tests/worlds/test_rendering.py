@@ -91,6 +91,17 @@ def test_robot_moves_as_its_pose_with_y_up(robot):
     np.testing.assert_allclose(seen[1] - seen[0], [5.0 * scale, -4.5 * scale], atol=1.5)
 
 
+def test_a_hull_off_the_axle_is_drawn_where_it_is():
+    robot = dataclasses.replace(ROBOTS["husky"], name="off", hull_x=0.05)
+    scene = dataclasses.replace(SCENE, robot=robot, bounds=(4.0, 3.0, 6.0, 5.0))
+    renderer = Renderer("rgb_array", fps=20)
+    away, frame = (frame_of(dataclasses.replace(scene, pose=(x, 4.0, 0.0)), renderer) for x in (1e6, 5.0))
+    rows, columns = np.nonzero((frame != away).any(axis=2))
+    (x0, y1), (x1, y0) = renderer.view(scene).pixels_from_world(np.array([[4.55, 3.67], [5.55, 4.33]]))
+    seen = columns.min(), columns.max() + 1, rows.min(), rows.max() + 1
+    np.testing.assert_allclose(seen, (x0, x1, y0, y1), atol=1.5)
+
+
 def test_of_a_thousand_robots_each_is_shown_where_it_is():
     x, y = np.meshgrid(1.5 * np.arange(40), 1.5 * np.arange(25))
     places = np.column_stack([x.ravel(), y.ravel()])

@@ -250,6 +250,9 @@ WRONG: list[tuple[Any, tuple[str, ...]]] = [
     (GOOD | {"sources": {"delay": IDENTIFIED}}, ("sources.delay.value is (0.1, 0.2);", "the field's, ()")),
     (GOOD | {"sources": {"mass": 5}}, ("sources is {'mass': 5};",)),
     (GOOD | {"hull": 0.25}, ("hull is 0.25;", "an object with radius")),
+    (GOOD | {"hull": LOW | {"x": "a"}}, ("hull.x is 'a';", "from -0.095 to 0.095 m", "pose lies within")),
+    (GOOD | {"hull": LOW | {"x": -0.1}}, ("hull.x is -0.1;", "from -0.095 to 0.095 m", "pose lies within")),
+    (GOOD | {"hull": {"radius": 0.25, "x": 0.1}}, ("'hull.x' is not known",)),
     (GOOD | {"saturation": "wheel"}, ("saturation='wheel'", "Did you mean 'wheels'?")),
     (GOOD | {"sources": {"mass": IDENTIFIED}}, ("sources.mass is an interval;", "delay, gain, lag")),
     (

@@ -1,5 +1,6 @@
 """Several robots in one world: what must stay as it was, what no order decides, and who ends when."""
 
+import dataclasses
 import pickle
 from typing import Any
 
@@ -12,6 +13,7 @@ import wayfield  # noqa: F401  registers the environments
 from wayfield import policies
 from wayfield.envs.crowds.bodies import ROBOT
 from wayfield.envs.crowds.people import GOES_ON, MOUSSAID, ORCA, REPLAY, stroll
+from wayfield.envs.robots import ROBOTS
 from wayfield.envs.scenarios.obstacles import box, obstacle_field
 from wayfield.envs.scenarios.people_families import tracks_of, walks_of
 from wayfield.envs.scenarios.team_families import TEAM_FAMILIES
@@ -185,13 +187,14 @@ def test_a_world_that_is_mirrored_or_turned_goes_on_alike(
 
 
 def test_a_body_is_met_by_beams_as_an_obstacle_of_its_shape() -> None:
-    for robot, env_id in (("p3dx", DIFF), ("jackal", DIFF), ("omni3", OMNI)):
+    off = dataclasses.replace(ROBOTS["jackal"], name="off", hull_x=-0.1)
+    for robot, env_id in (("p3dx", DIFF), ("jackal", DIFF), (off, DIFF), ("omni3", OMNI)):
         two = TeamScenario.made("two", [(0.0, 0.0, 0.3), (1.3, 0.4, 0.8)], [(5.0, 0.0, 0.0), (5.0, 3.0, 0.0)])
         env: Any = gymnasium.make(env_id, scenario=two, robot=robot, num_beams=180).unwrapped
         seen, _ = env.reset(seed=0)
         shape = np.zeros(1, OBSTACLE)
-        shape["x"], shape["y"] = 1.3, 0.4
-        hull = env.task.robot.hull_box
+        hull, ahead = env.task.robot.hull_box, env.task.robot.hull_x
+        shape["x"], shape["y"] = 1.3 + ahead * np.cos(0.8), 0.4 + ahead * np.sin(0.8)
         shape["cos"], shape["sin"] = (np.cos(0.8), np.sin(0.8)) if hull else (1.0, 0.0)
         if hull:
             shape["half_length"], shape["half_width"] = hull[0] / 2, hull[1] / 2

@@ -1,14 +1,14 @@
 // What stands in a world, and the robots in it.
 
 const HULLS = {}; // m, by robot: the payload tells them
-const BOXES = {}; // m, length and width of the hulls that are rectangles
+const BOXES = {}; // m, length, width and how far ahead the middle is of the hulls that are rectangles
 const REACH = 5.0; // m, of the scan that is drawn
 const BEAMS = 72;
 
-// A hull is its radius, or length and width of a rectangle.
+// A hull is its radius, or a rectangle of BOXES.
 function tellHull(robot, hull) {
   if (Array.isArray(hull)) BOXES[robot] = hull;
-  HULLS[robot] = Array.isArray(hull) ? 0.5 * Math.hypot(...hull) : hull;
+  HULLS[robot] = Array.isArray(hull) ? 0.5 * Math.hypot(hull[0] + 2 * Math.abs(hull[2] || 0), hull[1]) : hull;
 }
 
 // Obstacles are [x, y, cos, sin, half_length, half_width, radius, mass], patrols [x, y, vx, vy, leg_time, phase].
@@ -241,8 +241,9 @@ function drawActor(context, actor, k, hull, pixel, { chosen, faint, under, thin,
   context.beginPath();
   if (BOXES[actor.robot]) {
     const [c, s] = [Math.cos(heading), Math.sin(heading)];
-    const [a, b] = BOXES[actor.robot].map((side) => side / 2);
-    for (const [u, v] of [[a, b], [-a, b], [-a, -b], [a, -b]]) context.lineTo(x + c * u - s * v, y + s * u + c * v);
+    const [l, w, m = 0] = BOXES[actor.robot];
+    const [a, d, b] = [m + l / 2, m - l / 2, w / 2];
+    for (const [u, v] of [[a, b], [d, b], [d, -b], [a, -b]]) context.lineTo(x + c * u - s * v, y + s * u + c * v);
     context.closePath();
   } else context.arc(x, y, hull, 0, 2 * Math.PI);
   context.globalAlpha *= 0.25;

@@ -1,5 +1,6 @@
 """`wayfield nav2`: YAML that loads, names that each branch's sources have, values within the sheet."""
 
+import dataclasses
 import json
 from collections.abc import Iterator
 from pathlib import Path
@@ -79,6 +80,13 @@ def test_limits_are_those_of_the_sheet_where_they_are_lower(name: str, lagging: 
         assert (block["model_delay_vx"], block["model_delay_wz"]) == (0.12, 0.16)
     if name == "regulated_pure_pursuit":  # speed^2 / deceleration
         assert block["approach_velocity_scaling_dist"] == pytest.approx(limits(lagging)["v"] ** 2 / 0.6, rel=1e-4)
+
+
+def test_the_footprint_of_a_box_is_its_corners() -> None:
+    robot = dataclasses.replace(ROBOTS["husky"], name="off", hull_x=-0.2)
+    found = yaml.safe_load(yaml_text(parameters([own("nav2_dwb")], robot, "jazzy"), []))
+    text = found["local_costmap"]["local_costmap"]["ros__parameters"]["footprint"]
+    assert json.loads(text) == [[0.3, 0.33], [0.3, -0.33], [-0.7, -0.33], [-0.7, 0.33]]
 
 
 def test_what_a_branch_lacks_is_said(lagging: Any) -> None:

@@ -236,7 +236,7 @@ def test_a_twist_is_scaled_by_one_factor_to_what_the_base_can_do(v, w, most):
 
 @settings(max_examples=40)
 @given(
-    st.sampled_from(["turtlebot3", "p3dx", "jackal"]),
+    st.sampled_from(["turtlebot3", "p3dx", "jackal", "mir100"]),
     st.floats(0.3, 3.0),
     st.floats(-math.pi, math.pi),
     st.floats(-1.0, 1.0),
@@ -272,7 +272,8 @@ def test_a_robot_under_the_guard_stops_before_a_wall(name, distance, bearing, fo
         if robot.hull_box is None:
             clear = np.hypot(*body.T).min() - robot.hull_radius
         else:
-            clear = np.hypot(*np.maximum(np.abs(body) - 0.5 * np.array(robot.hull_box), 0.0).T).min()
+            apart = np.abs(body - (robot.hull_x, 0.0)) - 0.5 * np.array(robot.hull_box)
+            clear = np.hypot(*np.maximum(apart, 0.0).T).min()
         assert clear > 0.0
 
 
