@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs.robots import records, robots_with, sensing
+from wayfield.envs.robots.hulls import least_reach
 from wayfield.envs.robots.kinematics import to_body_frame
 from wayfield.envs.scenarios import TASKS, GoalScenario, TaskSpec, field_scenarios
 from wayfield.envs.single import SingleEnv
@@ -231,7 +232,7 @@ def scan_maps(p, lidar, robots, which, out):
         which: the robots that were stepped or reset, as `grids.scan_grids` takes them.
     """
     column = out.shape[1] - lidar.beams.shape[1]
-    scan_grids(robots.grids.frames, robots.grids.cells, robots.states, which, p.hull_radius, lidar, out, column)
+    scan_grids(robots.grids.frames, robots.grids.cells, robots.states, which, least_reach(p), lidar, out, column)
     skip, first, last = which
     for i in range(first, last):
         if skip[i]:

@@ -57,6 +57,14 @@ def swing(p, yaw_rate):
     return abs(yaw_rate) * p.hull_radius if p.hull_length > 0.0 else 0.0
 
 
+@inlined
+def least_reach(p):
+    """Returns the radius (m) of the largest disc about the pose that the hull holds."""
+    if p.hull_length > 0.0:
+        return min(0.5 * p.hull_width, 0.5 * p.hull_length - abs(p.hull_x))
+    return p.hull_radius
+
+
 @compiled
 def box_clearance(p, robots, i, s, x, y, heading):
     """Returns `hull_clearance` of a rectangle."""

@@ -259,7 +259,7 @@ def look_closely(frame, cells, seen, beams, part, ranges, i, column, scratch):
 
 
 @inlined
-def scan_grids(frames, cells, states, which, hull_radius, lidar, ranges, column):
+def scan_grids(frames, cells, states, which, reach, lidar, ranges, column):
     """Runs `scan_grid` for some robots, as many at once as go together.
 
     Where a robot's clearance tells that nothing of its grid is in reach, no beam is looked along.
@@ -268,7 +268,7 @@ def scan_grids(frames, cells, states, which, hull_radius, lidar, ranges, column)
         frames, cells: Grids.
         states: records of the robots.
         which: which robots are not meant (b,), the first that may be, and the one behind the last.
-        hull_radius: m, from where the clearance counts.
+        reach: m, of the hull in every direction, from where the clearance counts.
         lidar: sensing.Lidar.
     """
     count = lidar.beams.shape[1]
@@ -282,7 +282,7 @@ def scan_grids(frames, cells, states, which, hull_radius, lidar, ranges, column)
             continue
         s = states[i]
         frame = frames[s.scenario]
-        if not s.clearance + hull_radius < lidar.max_range:
+        if not s.clearance + reach < lidar.max_range:
             continue
         pose = (s.x, s.y, s.heading)
         if wide > TOGETHER:

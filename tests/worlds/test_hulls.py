@@ -327,3 +327,16 @@ def test_turning_on_the_spot_it_touches_with_its_longer_end_alone(dynamics: str,
             assert clearance_of(robot, field, 1, pose) == pytest.approx(0.0, abs=3e-3)
     assert 0.0 < headings[0] < 0.5 * math.pi
     assert headings[0] == pytest.approx(-headings[1], abs=1e-6 if dynamics == "kinematic" else 1e-2)
+
+
+def test_a_wall_of_a_map_is_seen_beside_a_long_hull_to_the_end_of_the_range(tmp_path: Path) -> None:
+    room = np.zeros((200, 200), np.bool_)
+    room[148] = True  # from y = 4.8 m on, of a range of 5 m
+    np.save(tmp_path / "room.npy", room)
+    file = world(tmp_path, map={"file": "room.npy", "resolution": 0.1, "origin": [-10, -10, 0], "unknown": "free"})
+    seen = []
+    for robot in ("p3dx", "mir100"):
+        env: Any = gymnasium.make("wayfield/DiffDriveGoalObstacles-v0", robot=robot, scenario=file, num_beams=72)
+        seen.append(env.unwrapped.task.layout.unpack(env.reset(seed=0)[0]).ranges)
+    assert seen[0].min() == pytest.approx(4.8)
+    np.testing.assert_array_equal(*seen)
