@@ -801,7 +801,7 @@ def _off_speed() -> Iterator[str]:
     yield (
         "\nThe `ppo` agents for goal reaching were trained at 0.6 m/s. At a target speed of 0.3 m/s they reach fewer "
         f"goals in validation scenarios: {', '.join(parts)}. [This study](results/everywhere.md) compares them with "
-        "controllers at that speed. [Their cards](results/cards.md) have results with other speeds, scans, actuators."
+        "controllers at that speed. [Their cards](results/cards.md) have results at other speeds, scans and actuators."
     )
 
 
