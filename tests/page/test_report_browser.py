@@ -527,6 +527,31 @@ def test_gold_is_the_quickest_controller_bronze_a_quarter_more_and_silver_half_w
         assert bronze == math.ceil(round(1.25 * gold, 6))
         assert silver == pytest.approx(0.5 * (gold + bronze), abs=0.05)
         told = [f"{each:.2f}\N{NO-BREAK SPACE}s" for each in (gold, silver, bronze)]
+def test_keys_that_are_held_when_a_run_ends_leave_the_film_alone_until_they_come_down_anew(
+    browser: Browser, files: dict[str, Path], tmp_path: Path
+) -> None:
+    near = '{"start": [0, 0, 0], "goal": [1.5, 0, 0]}'
+    with race(browser, files["demo"], tmp_path / "near.json", near, "4") as watched:
+        tab = watched.page
+        for _ in range(2000):
+            tab.keyboard.down("ArrowUp")  # the first press; then it is held, and repeats
+            if tab.evaluate("drive.hand.actor.outcome"):
+                break
+        tab.evaluate("replay.toggle(false); replay.seek(9)")
+        for key in ("ArrowUp", "ArrowLeft", "ArrowLeft"):
+            tab.keyboard.down(key)
+        assert tab.evaluate("replay.step") == 9
+        mine = tab.locator(".actors li", has_text="you").inner_text()
+        assert "arrived" in mine
+        assert "driving" not in mine
+        tab.keyboard.up("ArrowLeft")
+        tab.keyboard.up("ArrowUp")
+        tab.wait_for_timeout(1600)
+        tab.keyboard.press("ArrowLeft")
+        assert tab.evaluate("replay.step") == 8
+        assert watched.errors == []
+
+
         assert all(each in tab.locator(".sentence").inner_text() for each in told)
         # a time of one's own, and its medal
         ended = """(time) => {

@@ -9,6 +9,7 @@ const WAITED = 50; // ms, of a frame that waits for it
 const IDLE = 14; // ms at a time while nothing plays
 const AHEAD = 3000; // ms to catch up at once
 const [OUT, LOST] = [3, 12]; // s: out of the scene without coming nearer, in it without coming nearer than ever
+const QUIET = 1500; // ms after a run by hand
 const JAM = 10; // s: who stands still at least so long until the time is over is stuck
 const UNENDED = { crashed: 0, stuck: Infinity, end: "", there: false }; // of a run: steps, words, whether its first robot of a team arrived
 const LEAD = 40; // steps that all who drive are ahead of the picture
@@ -43,6 +44,7 @@ class Drive {
     this.jobs = new Map(); // the runs that are driven now, with their simulators
     this.hand = null; // the run that is driven by hand
     this.held = new Set(); // keys that are down
+    this.quiet = 0; // ms: until then a key that drove does nothing else
     this.fingers = new Map(); // the button of the pad that each finger is on, by its pointer
     const bodies = (replay.told.demo || {}).robots || {};
     const select = (label, options, change = () => {}) => {
@@ -359,6 +361,9 @@ class Drive {
     if (!this.drives) return false;
     const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
     if (!["ArrowUp", "ArrowDown", "ArrowLeft", "ArrowRight", "w", "a", "s", "d", "q", "e"].includes(key)) return false;
+    const now = performance.now();
+    if (!this.drives && now > this.quiet) return false;
+    if (event.repeat) this.quiet = now + QUIET; // still held down
     event.preventDefault();
     this.press(key, down);
     return true;
@@ -546,8 +551,11 @@ class Drive {
     run.pending = actor.stale = false;
     run.measures = this.measured(actor);
     actor.note = [run.exact, !actor.end && `${run.measures.time.toFixed(2)} s`, run.measures.error === null || outcome !== "success" ? "" : `typically ${short(1000 * run.measures.error)} mm off`].filter(Boolean).join(", ");
-    if (run === this.hand && this.replay.leads) this.replay.whole();
-    if (run === this.hand) this.race.over(run);
+    if (run === this.hand) {
+      if (this.replay.leads) this.replay.whole();
+      this.quiet = performance.now() + QUIET;
+      this.race.over(run);
+    }
     else this.race.tell();
     if (run === this.hand || this.runs.length === 1) say(`${actor.label}: ${actor.end || `${OUTCOMES[outcome]} after ${run.measures.time.toFixed(2)} s`}.`);
     this.replay.listActors();

@@ -276,9 +276,9 @@ class Replay {
     return Boolean(actor.told) || actor.seen === actor.version || !this.spoils();
   }
 
-  // Whether the picture shows it on its way.
+  // Whether the picture shows it on its way; one's own run is known.
   underWay(actor) {
-    return this.step > 0 && this.step < actor.x.length - 1;
+    return actor.policy !== KEYBOARD && this.step > 0 && this.step < actor.x.length - 1;
   }
 
   // What the list tells of the ends of runs.
