@@ -439,7 +439,7 @@ class Replay {
     actors.filter((actor) => actor !== chosen && actor !== top).forEach((actor, k) => drawActor(context, actor, step, hull, pixel, { ...how(actor), lane: LANES[k % LANES.length] * (actors.length > CROWDED ? 0.5 : 1) }));
     for (const actor of new Set([chosen, top])) if (actor) drawActor(context, actor, step, hull, pixel, how(actor));
     if (!this.blank) drawStars(context, world, pixel);
-    if (this.leads) drawWay(context, view, world, pixel);
+    if (this.leads) drawWay(context, view, world, pixel, at(top));
     const named = [...new Set([top, chosen, ...actors])].filter(Boolean).map((actor) => ({ ...actor, top: actor === top, name: `${this.nameOf(actor)}${step >= actor.stuck ? `: stuck since ${(actor.stuck * DT).toFixed(2)} s` : ""}` }));
     if (named.length > 1 || named.some(({ stuck }) => step >= stuck)) drawNames(context, view, named, step, hull, pixel, company ? bodiesAt(world, company, step, hull) : [], this.blank ? [] : obstaclesAt(world, step * DT));
     return context;

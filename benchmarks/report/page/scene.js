@@ -160,8 +160,8 @@ function drawStars(context, world, pixel) {
   if (goal) flag(context, goal[0], goal[1], 9 * pixel);
 }
 
-// Where the star is that a near picture does not hold, at its edge, and how far.
-function drawWay(context, view, { path, closed, goal }, pixel) {
+// An arrow at the edge of a near picture to the star that it does not hold, and how far that is from a place.
+function drawWay(context, view, { path, closed, goal }, pixel, from) {
   const [x, y] = goal || (path && path[closed ? 0 : path.length - 1]) || view.centre;
   const [cx, cy] = view.centre;
   const room = [view.width, view.height].map((side) => side / 2 - 24);
@@ -169,11 +169,15 @@ function drawWay(context, view, { path, closed, goal }, pixel) {
   const out = Math.max(Math.abs(dx) / room[0], Math.abs(dy) / room[1]);
   if (out <= 1.08) return;
   const [ax, ay] = [cx + (dx / out) * pixel, cy + (dy / out) * pixel];
-  flag(context, ax, ay, 9 * pixel);
   context.save();
   context.scale(pixel, -pixel);
   [context.font, context.textAlign, context.lineWidth, context.strokeStyle, context.fillStyle] = ["600 13px system-ui, sans-serif", "center", 4, ink("--paper"), ink("--goal")];
-  for (const how of ["strokeText", "fillText"]) context[how](`${Math.round(Math.hypot(x - cx, y - cy))} m`, ax / pixel, -ay / pixel + (dy < 0 ? -12 : 22));
+  for (const how of ["strokeText", "fillText"]) context[how](`${Math.round(Math.hypot(x - from[0], y - from[1]))} m`, ax / pixel, -ay / pixel + (dy < 0 ? -16 : 26));
+  context.translate(ax / pixel, -ay / pixel);
+  context.rotate(Math.atan2(-dy, dx));
+  context.beginPath();
+  for (const [a, b] of [[14, 0], [-8, 11], [-8, -11]]) context.lineTo(a, b);
+  context.fill();
   context.restore();
 }
 
