@@ -354,7 +354,7 @@ class Race {
     const forward = next < this.challenges.length && this.nth >= 0 && medal === "gold" ? "go" : null;
     this.say(this.ended(run, ENDED[run.actor.outcome]),
       ...(place < 0 || !rivals.length ? [] : [el("p", { class: medal ? `medal ${medal}` : "" }, `${medal ? medal[0].toUpperCase() + medal.slice(1) : "No"} medal`),
-        el("p", {}, `${["1st", "2nd", "3rd"][place] || `${place + 1}th`} of ${rivals.length + 1}${there.some((each) => steps(each) === steps(run.actor)) ? ", a tie" : ""}`)]),
+        el("p", {}, `${["1st", "2nd", "3rd"][place] || `${place + 1}th`} of ${rivals.length + 1}${place && medal ? `, within the limit for ${medal}` : there.some((each) => steps(each) === steps(run.actor)) ? ", a tie" : ""}`)]),
       this.why(run) ? el("p", { class: "needed" }, this.why(run)) : null,
       eased ? el("p", { class: "needed" }, `Driven ${eased}${this.nth < 0 ? "." : ": this does not count as a best time."}`) : null,
       best ? el("p", { class: "needed" }, best) : null,

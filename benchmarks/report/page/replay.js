@@ -68,7 +68,7 @@ class Replay {
     this.followButton = button("follow robot", () => { if (this.follows) this.whole(); else this.follow(true); }, { class: "stepwise", "aria-pressed": "false", title: "the picture goes with the chosen robot" });
     this.scanButton = button("laser rays", () => this.rays(!this.scans), { "aria-pressed": "false" });
     this.chartButton = button("charts", () => this.plot(!this.plots), { "aria-pressed": String(this.plots), title: "distance, speed and clearance over time" });
-    this.splitButton = button("side by side", () => this.split(this.other ? null : this.actors.find((actor) => actor !== this.chosen && !actor.hidden)), { "aria-pressed": "false", class: "kept", title: "two runs side by side" });
+    this.splitButton = button("two pictures", () => this.split(this.other ? null : this.actors.find((actor) => actor !== this.chosen && !actor.hidden)), { "aria-pressed": "false", class: "kept", title: "two runs, a picture each" });
     this.clock = el("span", { class: "clock" });
     this.list = el("ul", { class: "actors", "aria-label": "runs" });
     this.order = el("p", { class: "note" });
