@@ -425,6 +425,8 @@ def test_arrow_keys_drive_after_a_click_in_the_bar_and_work_a_list_that_tab_led_
         tab = watched.page
         by_hand(tab)
         tab.evaluate("() => { replay.world.obstacles.length = 1; drive.begin(drive.hand, true); }")
+        tab.get_by_role("button", name="copy Python").click()
+        tab.locator(".drive", has_text="Drive first").wait_for()  # there is no run yet
         ahead = "drive.twistByHand(drive.hand.simulator)[0]"
         for each in ("follow robot", "laser rays", "pause", "speed of the replay"):
             tab.keyboard.press("ArrowUp")  # the clock runs

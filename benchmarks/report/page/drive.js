@@ -173,7 +173,7 @@ class Drive {
     const { who: { value }, replay: { world } } = this;
     const tuned = [value, ...this.runs.map(({ asked }) => asked.label)].some((each) => each.includes("tuned"));
     this.about.textContent = [aboutOf(value), tuned && TUNED].filter(Boolean).join(". ");
-    this.named.textContent = `In Python: ${value}${world.seed === undefined ? "" : ` in ${world.family}, no. ${world.seed}`}.`;
+    this.named.textContent = `In Python: ${value}${world.seed === undefined ? "" : ` in ${world.family}, no. ${world.seed} (Python counts from 0)`}.`;
     this.gains.offer();
   }
 

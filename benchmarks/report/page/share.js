@@ -15,10 +15,11 @@ class Share {
     this.replay = drive.replay;
     this.told = el("p", { class: "note", role: "status" });
     this.field = el("input", { type: "text", placeholder: "paste a friend's link here", "aria-label": "a friend's link", on: { input: () => {
+      this.part.append(this.told);
       this.told.textContent = "";
       this.paste(this.field.value, (text) => { this.told.textContent = text; });
     } } });
-    this.part = el("details", { open: true }, el("summary", {}, "Share"), el("div", { class: "files" }, button("copy link", async () => { this.told.textContent = await this.link(); }), this.field), this.told);
+    this.part = el("details", { open: true }, el("summary", {}, "Share"), el("div", { class: "files" }, button("copy link", async () => { this.part.append(this.told); this.told.textContent = await this.link(); }), this.field), this.told);
     // a link that is pasted into the page, or into its address, is opened
     document.addEventListener("paste", (event) => {
       if (!/INPUT|SELECT/.test(event.target.tagName)) this.paste(event.clipboardData.getData("text"));
@@ -186,7 +187,8 @@ class Share {
   async python() {
     const { drive, replay } = this;
     const run = drive.runs.find((each) => each.actor === replay.chosen) || drive.runs[0];
-    if (!run) { this.told.textContent = "Run something here first: the code drives that run."; return; }
+    drive.named.before(this.told); // beside the button
+    if (!run || (run === drive.hand && !run.tape.length)) { this.told.textContent = "Drive first: the code drives that run again."; return; }
     if (run.asked.from) { this.told.textContent = "This run began in the middle of another; the code drives runs from the start."; return; }
     const text = pythonOf(drive, run);
     this.told.textContent = (await copied(text)) ? `Python copied: it drives “${run.actor.label}” again${run.asked.conditions.disturbance === "none" ? ", to the last bit" : "; disturbed runs draw other noise than the page"}. It needs the package: pip install wayfield.` : "The browser allows no copy.";
