@@ -193,8 +193,7 @@ class Race {
     const { replay, drive: { runs } } = this;
     if (replay.world.kind !== "path" || replay.world.name !== "drawn" || runs.length < 2 || !runs.every(({ actor }) => replay.tells(actor))) return "";
     const there = runs.filter(({ actor }) => actor.outcome === "success").sort((a, b) => a.measures.error - b.measures.error);
-    const [first] = replay.ranked(there.map(({ actor }) => actor));
-    return there.length ? `Fastest: ${replay.nameOf(first)} (${replay.result(first)}). Closest to your line: ${replay.nameOf(there[0].actor)}, typically ${short(1000 * there[0].measures.error)} mm off. ${there.length} of ${runs.length} arrived.` : "None got to the end of your line.";
+    return there.length ? `Closest to your line: ${replay.nameOf(there[0].actor)}, typically ${short(1000 * there[0].measures.error)} mm off. ${there.length} of ${runs.length} arrived.` : "None got to the end of your line.";
   }
 
   get best() {

@@ -286,9 +286,9 @@ class Replay {
     return this.actors.map((actor) => (this.tells(actor) ? (this.underWay(actor) ? 1 : 2) : 0)).join();
   }
 
-  // What runs are compared by, here, on a card and for medals: recorded ones along a path by their error as in the tables, all else by time.
+  // What runs are compared by, here, on a card and for medals: along a path by their error, as in the tables, a race by hand by time as all else.
   get byError() {
-    return this.world.kind === "path" && this.actors.some((actor) => actor.told);
+    return this.world.kind === "path" && (this.actors.some((actor) => actor.told) || !this.actors.some(({ policy }) => policy === KEYBOARD));
   }
 
   // That of a run that has arrived, the better the lower.
@@ -334,7 +334,7 @@ class Replay {
 
   listActors() {
     const order = this.ranked(this.actors);
-    const sorted = !order.some((actor) => this.tells(actor)) ? "" : this.byError ? "The smallest error comes first." : "The fastest comes first.";
+    const sorted = !order.some((actor) => this.tells(actor)) ? "" : this.byError ? "Closest to the line comes first." : "The fastest comes first.";
     this.order.textContent = order.length < 2 ? "" : `${sorted}${this.world.bodies && !this.other ? ` Each robot has its own ${companyOf(this.world)}; the chosen robot's is drawn, and the other robots are pale.` : ""}`;
     this.offerPanes();
     const held = this.list.contains(document.activeElement) ? document.activeElement.getAttribute("aria-label") : null;
