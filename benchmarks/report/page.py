@@ -260,7 +260,7 @@ def rendered(
         "summary": "".join(f"<p>{html.escape(each)}</p>" for each in content.sentences),
         "small": "".join(_static(table) for table in content.small),
         "made": "".join(f"<dt>{html.escape(a)}</dt><dd>{html.escape(b)}</dd>" for a, b in how),
-        "script": "\n".join(asset(name) for name in SCRIPTS),
+        "script": re.sub(r"(?m)^ *//.*\n", "", "\n".join(asset(name) for name in SCRIPTS)),  # without comments
     }
     fixed = sum(map(len, parts.values())) + len(template)
     head = _json(plain | {"episodes": content.episodes, "drives": []})
