@@ -5,6 +5,7 @@ import itertools
 import json
 import math
 import random
+import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -424,9 +425,9 @@ def test_arrow_keys_drive_after_a_click_in_the_bar_and_work_a_list_that_tab_led_
     with Watched(browser, files["demo"], viewport={"width": 1440, "height": 900}, reduced_motion="reduce") as watched:
         tab = watched.page
         by_hand(tab)
-        tab.evaluate("() => { replay.world.obstacles.length = 1; drive.begin(drive.hand, true); }")
         tab.get_by_role("button", name="copy Python").click()
         tab.locator(".drive", has_text="Drive first").wait_for()  # there is no run yet
+        tab.evaluate("() => { replay.world.obstacles.length = 1; drive.begin(drive.hand, true); }")
         ahead = "drive.twistByHand(drive.hand.simulator)[0]"
         for each in ("follow robot", "laser rays", "pause", "speed of the replay"):
             tab.keyboard.press("ArrowUp")  # the clock runs
@@ -478,18 +479,28 @@ def test_a_hand_drives_on_to_a_second_place_far_beyond_the_first(
         assert watched.errors == []
 
 
-def test_the_grey_beside_a_drawn_line_is_in_the_scene(browser: Browser, files: dict[str, Path]) -> None:
+def test_all_within_a_metre_of_a_drawn_line_is_in_the_scene(browser: Browser, files: dict[str, Path]) -> None:
     """With a thing in its way: who leaves it is told to turn back, not to drive on, and how the run ended."""
     with Watched(browser, files["demo"], viewport={"width": 1440, "height": 900}, reduced_motion="reduce") as watched:
         tab = watched.page
         tab.get_by_role("button", name="Draw a path").click()
         cx, cy = tab.evaluate("replay.view.centre")
         drag(tab, [[cx + x, cy + y] for x, y in ((-1.5, 0), (-1, 0), (-0.5, 0), (0, 0), (0, 0.5), (0, 1), (0, 1.5))])
-        watched.until("replay.world.kind === 'path'")
+        watched.until(f"replay.world.kind === 'path' && {DRIVEN}")
+        listed = tab.locator(".side .actors")
+        off = [float(each) for each in re.findall(r"typically ([\d.e-]+) mm off", listed.inner_text())]
+        assert len(off) > 2
+        assert off == sorted(off)  # who keeps to the line best is the first
+        count = tab.evaluate("drive.runs.length")
+        tab.get_by_role("button", name="Race it").click()
+        assert "Stay on the grey band" in tab.locator(".sentence").inner_text()
         tab.get_by_role("button", name="Put things in its way").click()
+        told = f"Your line followers ({count}) cannot dodge, so {tab.evaluate('drive.runs.length')} robots that can"
+        assert told in tab.locator(".words .hint").first.inner_text()
         drag(tab, [[cx, cy + 0.8], [cx + 0.1, cy + 0.8]])
         watched.until(f"replay.world.obstacles.length === 1 && {DRIVEN}")
         by_hand(tab)
+        assert "Drive through the rings" in tab.locator(".sentence").inner_text()
         tab.get_by_label("speed of the replay").select_option("2")
         tab.keyboard.down("ArrowUp")  # straight on, where the line turns
         for off, out in (
@@ -516,19 +527,6 @@ def test_who_passes_the_ring_is_told_by_how_much(browser: Browser, files: dict[s
         assert watched.errors == []
 
 
-def test_gold_is_the_quickest_controller_bronze_a_quarter_more_and_silver_half_way(
-    browser: Browser, files: dict[str, Path]
-) -> None:
-    with Watched(browser, files["demo"], viewport={"width": 1440, "height": 900}, reduced_motion="reduce") as watched:
-        tab = watched.page
-        tab.evaluate("drive.race.open(0)")
-        watched.until(DRIVEN.replace("=>", "=> run === drive.hand ||"))
-        times = tab.evaluate("drive.runs.filter((run) => !run.pending).map(({ actor }) => (actor.x.length - 1) * DT)")
-        gold, silver, bronze = tab.evaluate("drive.race.limits")
-        assert gold == min(times[:-1])
-        assert bronze == math.ceil(round(1.25 * gold, 6))
-        assert silver == pytest.approx(0.5 * (gold + bronze), abs=0.05)
-        told = [f"{each:.2f}\N{NO-BREAK SPACE}s" for each in (gold, silver, bronze)]
 def test_keys_that_are_held_when_a_run_ends_leave_the_film_alone_until_they_come_down_anew(
     browser: Browser, files: dict[str, Path], tmp_path: Path
 ) -> None:
@@ -554,6 +552,19 @@ def test_keys_that_are_held_when_a_run_ends_leave_the_film_alone_until_they_come
         assert watched.errors == []
 
 
+def test_gold_is_the_quickest_controller_bronze_a_quarter_more_and_silver_half_way(
+    browser: Browser, files: dict[str, Path]
+) -> None:
+    with Watched(browser, files["demo"], viewport={"width": 1440, "height": 900}, reduced_motion="reduce") as watched:
+        tab = watched.page
+        tab.evaluate("drive.race.open(0)")
+        watched.until(DRIVEN.replace("=>", "=> run === drive.hand ||"))
+        times = tab.evaluate("drive.runs.filter((run) => !run.pending).map(({ actor }) => (actor.x.length - 1) * DT)")
+        gold, silver, bronze = tab.evaluate("drive.race.limits")
+        assert gold == min(times[:-1])
+        assert bronze == math.ceil(round(1.25 * gold, 6))
+        assert silver == pytest.approx(0.5 * (gold + bronze), abs=0.05)
+        told = [f"{each:.2f}\N{NO-BREAK SPACE}s" for each in (gold, silver, bronze)]
         assert all(each in tab.locator(".sentence").inner_text() for each in told)
         # a time of one's own, and its medal
         ended = """(time) => {

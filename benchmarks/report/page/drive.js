@@ -102,6 +102,7 @@ class Drive {
       if (this.drives && this.hand.tape.length) this.hand.halted = true;
       this.race.back();
     };
+    replay.aim = () => (this.drives ? this.hand.aim || 0 : replay.world.path ? Infinity : 0);
     replay.spoils = () => (this.hand ? !this.hand.actor.outcome : !still());
     replay.ends = () => this.race.tellScene();
     replay.waits = (actor) => this.runs.some((run) => run.actor === actor && run.pending);
@@ -358,7 +359,6 @@ class Drive {
   }
 
   key(event, down) {
-    if (!this.drives) return false;
     const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
     if (!["ArrowUp", "ArrowDown", "ArrowLeft", "ArrowRight", "w", "a", "s", "d", "q", "e"].includes(key)) return false;
     const now = performance.now();
@@ -503,7 +503,7 @@ class Drive {
     return true;
   }
 
-  // Beside a line with things on it, all within its grey is in the scene.
+  // Beside a line with things on it, all within a metre of it is in the scene.
   outside({ field: [left, bottom, right, top] }, { pose: [x, y], world: { kind, path = [], corridor } }) {
     if (x >= left && y >= bottom && x <= right && y <= top) return false;
     return kind === "path" || path.every((point, k) => !k || distanceTo(shapeOf.wall(path[k - 1], point), x, y) > corridor);

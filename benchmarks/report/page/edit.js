@@ -4,7 +4,6 @@ const TOOLS = { move: "move", disc: "disc", box: "box", wall: "wall", path: "pat
 const HINTS = { move: "Drag things; the small squares resize and turn them.", disc: "Click or tap where a disc is to stand; drag for a larger one.", box: "Click or tap where a box is to stand, or drag from corner to corner.",
   wall: "Click or tap where a wall is to stand, or drag from end to end.", path: "Draw a line in the picture: all controllers follow it when you let go.", remove: "Click or tap what is to go." };
 const AGAIN = { ...Object.fromEntries(["disc", "box", "wall"].map((each) => [each, `The run is computed anew, from the start. Click or tap for another ${each}.`])), path: "They follow your line; their tracks are drawn a few pixels apart, so that each is seen. Draw another one as you like." };
-const LINED = "Path followers cannot avoid obstacles. Robots that can drive instead: they head for points of your line, by short cuts.";
 const BY_KEYS = " Arrow keys move the cross (Shift: farther), Enter starts, Enter again ends, Escape leaves.";
 const CLICKED = 0.3; // m, from the middle to the edges of what a click puts down
 const SPACING = 0.1; // m between the points of a drawn path
@@ -112,10 +111,11 @@ class Editor {
   take(tool, keys = false, stays = tool in shapeOf) {
     let first = "";
     if (tool && tool !== "path" && tool !== "move" && this.replay.world.kind === "path") {
-      this.open(lined(this.replay.world), LINED);
+      const { length } = this.drive.runs.filter(({ tape }) => !tape.length); // not those by hand
+      this.open(lined(this.replay.world), "They head for points of your line, by short cuts.");
       this.drive.go(false);
       for (const label of this.drive.race.rivals()) if (label !== this.drive.who.value) this.drive.add({ label }, false);
-      first = `${LINED} `;
+      first = `Your line followers (${length}) cannot dodge, so ${this.drive.runs.length} robots that can have taken their place. `;
     }
     this.tool = tool;
     this.stays = stays;

@@ -4,9 +4,9 @@ const RIVALS = ["astar_tracker", "vfh_plus", "reeds_shepp", "orca_team", "polar"
 const BEST = "wayfield best times"; // in the browser's storage
 const MEDALS = ["gold", "silver", "bronze"];
 const WITHIN = 1.25; // of the quickest controller's time, in whole seconds: bronze
-const ENDED = { success: "Finished in", collision: "Crashed after", left_corridor: "Off the path after", timeout: "Out of time:", left: "Drove off after", stopped: "Stopped after" };
+const ENDED = { success: "Finished in", collision: "Crashed after", left_corridor: "Off the grey band after", timeout: "Out of time:", left: "Drove off after", stopped: "Stopped after" };
 const ABOUT = "Beat controllers and a trained network by hand, or watch them drive.";
-const ASKED = { path: "Follow the path to the star", dock: "Park on the star, facing the way its line points" };
+const ASKED = { path: "Stay on the grey band to the star, or the run ends", dock: "Park on the star, facing the way its line points" };
 const SENT = "This scene came by a link";
 const NEAR_MISS = 0.5; // m
 const LONG_LINE = 120; // characters that two lines hold
@@ -112,7 +112,7 @@ class Race {
     const first = run.out ? "You are out of the scene: turn back to the star" : this.near(run) ? "Bring your middle into the ring" : "";
     if (run.tape.length && run.away * DT > 0.5) {
       const rests = run.tape[run.tape.length - 1].every((each) => !each);
-      const what = first || (run.grows ? "This leads away: turn back" : rests ? "You are standing still: drive on" : "Come nearer to the star");
+      const what = first || (run.grows ? "This leads away: turn back" : rests ? "You are standing still: drive on" : `Come nearer to the ${run.aim < (replay.world.waypoints || []).length ? "next ring" : "star"}`);
       return `${what}, or the run ends in ${astray} s.`;
     }
     if (run.tape.length && first) return `${first}.`;
@@ -123,7 +123,7 @@ class Race {
     const { limits } = this;
     const [count, found] = [replay.actors.filter(({ ghost, policy }) => !ghost && policy !== GHOST).length, this.best[this.now < 0 ? "" : this.key(this.now)]];
     const prize = `${limits && limits[0] < Infinity ? `${MEDALS.map((each, k) => `${each} ${replay.scored(limits[k])}`).join(", ")}. `.replace("g", "G") : ""}${found ? `Your best: ${found.time.toFixed(2)} s. ` : ""}`;
-    return `${ASKED[replay.world.path ? "path" : replay.world.kind] || "Drive to the star"}: ${turn}. ${run.tape.length ? count > 1 ? `You pass through the other racers${replay.world.bodies ? `; each has its own ${companyOf(replay.world)}` : ""}.` : "" : `${prize}The clock waits for your first press.`}`;
+    return `${ASKED[replay.world.kind] || ((replay.world.waypoints || []).length ? "Drive through the rings, in order, to the star" : "Drive to the star")}: ${turn}. ${run.tape.length ? count > 1 ? `You pass through the other racers${replay.world.bodies ? `; each has its own ${companyOf(replay.world)}` : ""}.` : "" : `${prize}The clock waits for your first press.`}`;
   }
 
   // How near the hand is to the ring of the star that it did not get into (m); 0 where that is far, or not next.

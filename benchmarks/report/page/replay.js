@@ -40,6 +40,7 @@ class Replay {
     this.races = () => false; // whether a hand drives against the others
     this.poised = () => false; // whether the clock waits for the hand's first press
     this.halts = () => {}; // the picture was stopped
+    this.aim = () => 0; // the first of the rings on the way that is drawn
     this.edge = null; // of the scene, for a hand that is beyond it
     this.holds = () => false; // whether it waits for a film
     this.build();
@@ -422,7 +423,7 @@ class Replay {
     const context = view.begin();
     const pixel = 1 / view.pixels;
     const hull = HULLS[this.robot] || 0.25;
-    if (!this.blank) drawWorld(context, world, step * DT, pixel);
+    if (!this.blank) drawWorld(context, world, step * DT, pixel, this.aim());
     if (this.edge) drawEdge(context, this.edge, pixel);
     if (this.scans && chosen && (world.bodies || world.walls || (world.obstacles && world.obstacles.length))) {
       const k = Math.min(step, chosen.x.length - 1);

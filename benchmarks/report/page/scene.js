@@ -109,14 +109,14 @@ function boundsOf(world, actors) {
   return { shown: [left, bottom, right, top], whole };
 }
 
-function drawWorld(context, world, time, pixel) {
+function drawWorld(context, world, time, pixel, passed) {
   if (world.path && world.path.length) {
     context.beginPath();
     world.path.forEach(([x, y], k) => (k ? context.lineTo(x, y) : context.moveTo(x, y)));
     if (world.closed) context.closePath();
     context.strokeStyle = ink("--panel");
     context.lineWidth = 2 * world.corridor;
-    if (world.corridor < 3) context.stroke();
+    if (!world.goal) context.stroke(); // the run ends beyond it
     context.strokeStyle = ink("--path");
     context.lineWidth = 3 * pixel;
     context.stroke();
@@ -132,7 +132,7 @@ function drawWorld(context, world, time, pixel) {
     context.stroke();
     context.setLineDash([]);
   }
-  if (!world.path) (world.waypoints || []).forEach(([x, y]) => ring(context, x, y, world.waypoint_radius, pixel));
+  (world.waypoints || []).forEach(([x, y], k) => k >= passed && ring(context, x, y, world.waypoint_radius, pixel));
   if (world.goal) {
     const [x, y, heading] = world.goal;
     ring(context, x, y, Math.max(world.position_tolerance, 4 * pixel), pixel);
