@@ -715,6 +715,12 @@ class Fingers:
         self.session.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
 
 
+def settled(tab: Page) -> None:
+    """Waits some frames, however long they take: what has another size is laid out and drawn anew."""
+    for _ in range(4):
+        tab.evaluate("() => new Promise((done) => requestAnimationFrame(() => setTimeout(done, 0)))")
+
+
 @pytest.mark.parametrize(("width", "height", "held"), [(390, 844, "ahead"), (844, 390, "back")])
 def test_a_finger_that_stays_down_ends_a_race_on_a_card(
     browser: Browser, files: dict[str, Path], width: int, height: int, held: str
@@ -724,6 +730,7 @@ def test_a_finger_that_stays_down_ends_a_race_on_a_card(
     with Watched(browser, files["demo"], viewport=size, has_touch=True, reduced_motion="reduce") as watched:
         tab = watched.page
         tab.get_by_role("button", name="Race it").click()
+        settled(tab)
         left, top, right, bottom = picture = box_of(tab, ".board canvas")
         pad = [box_of(tab, each) for each in ("left", "ahead", "right", "back")]
         assert all(x1 <= left or right <= x0 or y1 <= top or bottom <= y0 for x0, y0, x1, y1 in pad)
@@ -734,12 +741,12 @@ def test_a_finger_that_stays_down_ends_a_race_on_a_card(
         fingers.put(0, left + 20, top + 20)
         seen = """(({ view, chosen: { x, y } }) => [(x.at(-1) - view.centre[0]) * view.pixels / view.width,
                    (y.at(-1) - view.centre[1]) * view.pixels / view.height])(replay)"""
-        for _ in range(600):
+        for _ in range(20_000):
             assert max(map(abs, tab.evaluate(seen))) < 0.5
             if tab.evaluate("drive.hand.actor.outcome"):
                 break
         fingers.lift(0)
-        tab.wait_for_timeout(300)
+        settled(tab)
         assert tab.evaluate("drive.hand.actor.outcome")
         # no button is where the thumb was, and a press that began before there was a card is none of it
         thumb = (left + 20, top + 20)
@@ -768,7 +775,7 @@ def test_a_finger_that_stays_down_ends_a_race_on_a_card(
         tab.keyboard.press("Escape")
         assert tab.locator(".card").is_hidden()
         tab.evaluate("drive.race.open(0)")
-        tab.wait_for_timeout(300)
+        settled(tab)
         sizes = "[[view.width, view.height], [canvas.width, canvas.height], [canvas.clientWidth, canvas.clientHeight]]"
         drawn, pixels, shown = tab.evaluate(f"(({{ view, canvas }}) => {sizes})(replay)")
         assert drawn == pixels == shown  # nothing is stretched
