@@ -580,6 +580,7 @@ def test_gold_is_the_quickest_controller_bronze_a_quarter_more_and_silver_half_w
         for time, medal in pairs:
             card = tab.evaluate(ended, math.floor(time / 0.05 + 1e-6) * 0.05)
             assert medal in card
+            assert ("within the limit for" in card) == (medal in ("Silver medal", "Bronze medal"))
             assert all(each in card for each in [*told, "1.25"])
 
 
