@@ -313,7 +313,7 @@ def _count(shown_panels: Sequence[Panel]) -> str:
     alike = outcomes.count(EQUIVALENT)
     ties = len(outcomes) - len(won) - len(lost) - alike
     quick = [match.sooner for panel in shown_panels for match in panel.matches if match.sooner]
-    noted = "".join(f"; {quick.count(side)} with a faster {side}" for side in SIDES if side in quick)
+    noted = "".join(f" (in {quick.count(side)}, the {side} is faster)" for side in SIDES if side in quick)
     which = [
         f"{camp} win {_listed(each).replace(', on ', ', ')}. "
         for camp, each in (("Controllers", won), ("Agents", lost))
@@ -322,8 +322,8 @@ def _count(shown_panels: Sequence[Panel]) -> str:
     return (
         f"**Controllers win {wins} of {len(outcomes)} kinds of scenes, agents {losses}.** "
         + "".join(which)
-        + f"{ties} are ties in success or error (not significant after correction{noted}); {alike} "
-        f"{'is' if alike == 1 else 'are'} equivalent (negligible difference)."
+        + f"In {ties}, neither is significantly better in success or error after correction{noted}; in {alike}, "
+        "they are equivalent (negligible difference)."
     )
 
 
