@@ -409,7 +409,7 @@ class Race {
     while (run.pending) this.drive.pump(1); // who is looked at goes first
     const eased = easedBy(run);
     this.say(this.ended(run, `${run.actor.own ? "You" : "A friend"} ${(ENDED[run.actor.outcome] || "drove for").toLowerCase()}`), eased ? el("p", {}, `driven ${eased}`) : null, el("p", {}, ["success", ""].includes(run.actor.outcome) ? "Can you do better?" : "Can you arrive?"),
-      el("div", { class: "files" }, button("Race the ghost (R)", () => this.again(), { class: "go" }), button("watch first", () => {
+      el("div", { class: "files" }, button(coarse() ? "Race the ghost" : "Race the ghost (R)", () => this.again(), { class: "go" }), button("watch first", () => {
         this.close();
         this.watched = run;
         this.replay.toggle(true);

@@ -114,7 +114,7 @@ function drawWorld(context, world, time, pixel, passed) {
     context.beginPath();
     world.path.forEach(([x, y], k) => (k ? context.lineTo(x, y) : context.moveTo(x, y)));
     if (world.closed) context.closePath();
-    context.strokeStyle = ink("--panel");
+    context.strokeStyle = ink("--line");
     context.lineWidth = 2 * world.corridor;
     if (!world.goal) context.stroke(); // the run ends beyond it
     context.strokeStyle = ink("--path");
