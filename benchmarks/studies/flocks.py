@@ -81,7 +81,6 @@ AGENTS = {
     "people_free": "people_free",
     "ppo": "goal_reaching",
 }
-PPO_SEEDS = 3  # of the agents for one robot
 # those of one kind of field together, in the order of the page
 KINDS = {"open": False, "walls": True}  # whether families are walled
 TURNED = "circle_exact"  # a size is one circle, turned: one world; the sizes are one stratum
@@ -146,8 +145,7 @@ def entries(name: str) -> list[str]:
     """Returns a law's name, or of a trained policy a name a seed."""
     if name not in AGENTS:
         return [name]
-    seeds = list(shipped(AGENTS[name], ROBOT))
-    return [f"{name} seed {seed}" for seed in (seeds[:PPO_SEEDS] if name == "ppo" else seeds)]
+    return [f"{name} seed {seed}" for seed in shipped(AGENTS[name], ROBOT)]
 
 
 def policy_of(entry: str) -> Any:
@@ -786,7 +784,7 @@ Made by `python benchmarks/studies/flocks.py`. How the policies were run:
 - **Agents** were trained in other scenes of the same families; `people_free` drove more than half of its training on
   CrowdNav's circle. `team_guided` and `people_free` add to the command of `orca_team` with default gains; the collision
   avoidance of `orca_team` is applied to what `team_guided` adds. `ppo` was trained alone among obstacles: other robots
-  are a part of its scan ({seeds} seeds were run). `team_scan` is `ppo`, trained further in teams.
+  are a part of its scan. `team_scan` is `ppo`, trained further in teams.
 
 How to read the numbers:
 
@@ -911,8 +909,7 @@ def page(teams: Sequence[Row], people: Sequence[Row], crossed: Sequence[Row], cu
 def page_of(folder: Path) -> tuple[dict[str, list[dict[str, str]]], str]:
     """Returns the kept rows of a folder by their part, and the page that they make."""
     rows = {name: read(folder / file) for name, file in FILES.items()}
-    seeds = f"{PPO_SEEDS} of {len(shipped(AGENTS['ppo'], ROBOT))}"
-    prose = PROSE.format(counts=counts(rows), tuning=tuning(), seeds=seeds)
+    prose = PROSE.format(counts=counts(rows), tuning=tuning())
     return rows, page(rows["teams"], rows["people"], rows["cross"], rows["curves"], prose)
 
 

@@ -244,8 +244,9 @@ def line(rows: Sequence[Row], verdict: Verdict, plant: str) -> Line | None:
 
 def among_lines(among: Among) -> Iterator[Line]:
     """Yields what a verdict on robots among others comes to on both plants, in the worlds that MuJoCo drove."""
-    entries = (among.controller, *flocks.entries(among.agent))
     of_plant = {"kinematic": RESULTS / flocks.FILES[among.rows], "mujoco": OTHERS[among.rows]}
+    drove = {row["policy"] for row in read(of_plant["mujoco"])}  # not all seeds of an agent
+    entries = (among.controller, *(each for each in flocks.entries(among.agent) if each in drove))
     solved = {
         name: {
             (row["policy"], row["family"], row["world"]): float(row.get("solved") or row["success"])
