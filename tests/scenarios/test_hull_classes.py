@@ -94,7 +94,7 @@ def test_discs_that_fill_the_narrowest_doors_seldom_touch_their_posts() -> None:
     touched = []
     for drawn in np.random.default_rng(0).uniform(0.35, 0.7, 3):
         hull = np.ceil(20.0 * drawn) / 20.0  # a whole class
-        robot = dataclasses.replace(base, name="drawn", hull_box=None, hull_radius=float(hull))
+        robot = dataclasses.replace(base, name="drawn", hull_box=None, hull_x=0.0, hull_radius=float(hull))
         course = dataclasses.replace(contest.course("doors_narrow", "train", robot), members=scenes)
         case = next(contest.cases(robot, course, Entrants(("scan_planner",), ("default",))))
         how = Setting("drawn", case, "kinematic", "lagged", 0, len(scenes), members=scenes)
