@@ -214,7 +214,9 @@ def ranked(rows: Episodes) -> tuple[str, Table]:
     won = f"{first['policy']} does best: {name.split(' (')[0]} {cost(first):.{decimals}f} {name.split('(')[1][:-1]}"
     if first["success"] != 1.0:
         won = "No policy succeeds"
-    met = f"{rows[0]['family']}: {len(rows) // plants} policies, one scenario, {rows[0]['actuators']} actuators."
+    count = len(rows) // plants
+    policies = f"{count} {'policy' if count == 1 else 'policies'}"
+    met = f"{rows[0]['family']}: {policies}, one scenario, {rows[0]['actuators']} actuators."
     sentence = f"{met} {won}; one run each, so without an interval."
     header = ["policy", "plant", "outcome", name, "speed (m/s)", "inputs"]
     return sentence, Table(str(rows[0]["family"]), header, lines, "")
