@@ -308,12 +308,13 @@ def _count(shown_panels: Sequence[Panel]) -> str:
         [_where(panel, match) for panel in shown_panels for match in panel.matches if match.outcome == outcome]
         for outcome in (BETTER, WORSE)
     )
-    outcomes = [match.outcome for panel in shown_panels for match in panel.matches]
+    matches = [match for panel in shown_panels for match in panel.matches]
+    outcomes = [match.outcome for match in matches]
     wins, losses = (str(len(each) or "none") for each in (won, lost))
     alike = outcomes.count(EQUIVALENT)
     ties = len(outcomes) - len(won) - len(lost) - alike
-    quick = [match.sooner for panel in shown_panels for match in panel.matches if match.sooner]
-    noted = "".join(f" (in {quick.count(side)}, the {side} is faster)" for side in SIDES if side in quick)
+    quick = [f"{match.where} the {match.sooner} is faster" for match in matches if match.sooner]
+    noted = f" ({'; '.join(quick)})" if quick else ""
     which = [
         f"{camp} win {_listed(each).replace(', on ', ', ')}. "
         for camp, each in (("Controllers", won), ("Agents", lost))
@@ -322,8 +323,8 @@ def _count(shown_panels: Sequence[Panel]) -> str:
     return (
         f"**Controllers win {wins} of {len(outcomes)} kinds of scenes, agents {losses}.** "
         + "".join(which)
-        + f"In {ties}, neither is significantly better in success or error after correction{noted}; in {alike}, "
-        "they are equivalent (negligible difference)."
+        + f"{ties} are ties: neither is significantly better in success or error after multiple-test correction{noted}"
+        f"; {alike} equivalent (negligible difference)."
     )
 
 

@@ -1,7 +1,7 @@
-"""The page of the robots that ship, with a drawing to scale: python benchmarks/studies/robot_page.py
+"""The robots that ship and their sources, with a drawing to scale: python benchmarks/studies/robot_page.py
 
-What stands above the mark in `docs/robots.md` is written by hand; what stands below it, and the drawing, come from the
-data sheets.
+What stands between the markers of `docs/robots.md` and `docs/data_sheet.md`, and the drawing, come from the data
+sheets; all else is written by hand.
 """
 
 import math
@@ -14,6 +14,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Arc, Circle, Polygon, Rectangle
 from numpy.typing import NDArray
+from results_page import between
 
 from wayfield.benchmarks.commands.lists import hull_words
 from wayfield.benchmarks.figures.drawing import RC, colour, subplots
@@ -22,8 +23,8 @@ from wayfield.envs.robots import FULL_TURN, ROBOTS, Robot, Sensors, Wheel
 from wayfield.system.command_line import OneLineErrors
 from wayfield.system.storage import write_whole
 
-MARK = "<!-- Below: written by python benchmarks/studies/robot_page.py -->\n"
-PAGE, DRAWING = "robots.md", "robots.png"
+BEGIN, END = "<!-- robots: made by python benchmarks/studies/robot_page.py -->", "<!-- end of robots -->"
+PAGE, SOURCES, DRAWING = "robots.md", "data_sheet.md", "robots.png"
 _COLUMNS = 5  # of the drawing
 _WIDE = 0.5  # of a wheel, times its radius; data sheets do not say
 _ROLLERS = 5  # drawn on a wheel
@@ -129,8 +130,8 @@ _SOURCES = (
 )
 
 
-def generated() -> str:
-    """Returns what stands below the mark: the drawing, the table, and the source of every number."""
+def generated() -> dict[str, list[str]]:
+    """Returns what stands between the markers, by page: the drawing and the table; the source of every number."""
     header = [
         "name",
         "robot",
@@ -143,15 +144,15 @@ def generated() -> str:
     header += ["mass (kg), inertia (kg m²), friction", "scan"]
     note = (
         "Hull radius: of the disc around the hull. Top speeds are at rated wheel speed, each axis alone. Where the "
-        "column scan is empty, `gymnasium.make` uses its default: 32 beams, 5 m, full circle. Documents B and C: see "
-        "the sources below."
+        "column scan is empty, `gymnasium.make` uses its default: 32 beams, 5 m, full circle. Documents B and C are "
+        f"reference papers; [sources]({SOURCES}#sources) says where each number comes from."
     )
     table = Table("Robots that ship", header, [_row(robot) for robot in ROBOTS.values()], note).markdown()
-    parts = [f"![Every robot to scale]({DRAWING})\n", table, f"## Sources\n\n{_SOURCES}\n"]
+    sources = [f"## Sources\n\n{_SOURCES}\n"]
     for robot in ROBOTS.values():
         lines = "\n".join(f"- `{field}`: {source}" for field, source in robot.sources.items())
-        parts.append(f"### {robot.name}: {robot.title}\n\n{lines}\n")
-    return "\n".join(parts)
+        sources.append(f"### {robot.name}: {robot.title}\n\n{lines}\n")
+    return {PAGE: [f"![Every robot to scale]({DRAWING})\n", table], SOURCES: sources}
 
 
 @click.command("robot_page", cls=OneLineErrors)
@@ -160,19 +161,22 @@ def generated() -> str:
     type=click.Path(path_type=Path, exists=True, file_okay=False),
     default=Path("docs"),
     show_default=True,
-    help="The folder with robots.md.",
+    help=f"The folder with {PAGE} and {SOURCES}.",
 )
 def main(docs: Path) -> None:
-    """Writes the page of the robots that ship below its mark, and their drawing to scale, from their data sheets."""
-    page = docs / PAGE
-    text = page.read_text(encoding="utf-8") if page.exists() else ""
-    head, mark, _ = text.partition(MARK)
-    if not mark:
-        raise click.ClickException(f"{page} has no line {MARK.strip()}")
+    """Writes the robots that ship and their sources between the markers, and a drawing to scale, from data sheets."""
+    try:
+        pages = {
+            docs / name: between((docs / name).read_text(encoding="utf-8"), BEGIN, END, lines)
+            for name, lines in generated().items()
+        }
+    except (OSError, ValueError) as reason:
+        raise click.ClickException(f"{docs}: {reason}") from None
     with matplotlib.rc_context(RC):
         drawing().savefig(docs / DRAWING, dpi=110)
-    write_whole(page, (head + MARK + "\n" + generated()).encode())
-    click.echo(f"{len(ROBOTS)} robots in {page}")
+    for page, text in pages.items():
+        write_whole(page, text.encode())
+    click.echo(f"{len(ROBOTS)} robots in {docs / PAGE}")
 
 
 if __name__ == "__main__":

@@ -579,7 +579,7 @@ _OMNI_SAMPLE = """{"drive": "omni", "wheels": [{"x": 0.2, "y": 0, "direction": 1
 @reader("data sheet of a robot with a box", "box.json", {"box.json": _SAMPLE.replace('{"radius": 0.22}', _BOX)})
 @reader("data sheet of an omni base", "omni.json", {"omni.json": _OMNI_SAMPLE})
 def read_robot(file: str) -> Robot:
-    """Returns the robot of a data sheet, a .json file with one object; `docs/robots.md` says what each field means.
+    """Returns the robot of a data sheet, a .json file with one object; `docs/data_sheet.md` says what each field means.
 
     Raises:
         ValueError: if the file is no data sheet; one line that starts with the file and names field, value, range and
