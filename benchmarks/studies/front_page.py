@@ -313,7 +313,7 @@ def _count(shown_panels: Sequence[Panel]) -> str:
     wins, losses = (str(len(each) or "none") for each in (won, lost))
     alike = outcomes.count(EQUIVALENT)
     ties = len(outcomes) - len(won) - len(lost) - alike
-    quick = [f"{match.where} the {match.sooner} is faster" for match in matches if match.sooner]
+    quick = [f"{match.where} the {match.sooner} is faster, success undecided" for match in matches if match.sooner]
     noted = f" ({'; '.join(quick)})" if quick else ""
     which = [
         f"{camp} win {_listed(each).replace(', on ', ', ')}. "
@@ -324,7 +324,7 @@ def _count(shown_panels: Sequence[Panel]) -> str:
         f"**Controllers win {wins} of {len(outcomes)} kinds of scenes, agents {losses}.** "
         + "".join(which)
         + f"{ties} are ties: neither is significantly better in success or error after multiple-test correction{noted}"
-        f"; {alike} equivalent (negligible difference)."
+        f"; {alike} equivalent."
     )
 
 
@@ -336,7 +336,8 @@ def _where(panel: Panel, match: Match) -> str:
     """Returns a kind of scenes as a phrase."""
     task = f"{'when' if panel.title == 'Docking' else 'in'} {panel.title.lower()} "
     task = "" if match.where in CROWDS.values() else task
-    return f"{'on ' if panel.unit == 'mm' else task}{match.where}{' (by time)' * bool(match.faster)}"
+    place = match.where.partition(" (")[0]  # whose crowd it is stands in the figure
+    return f"{'on ' if panel.unit == 'mm' else task}{place}{' (by time, at equal success)' * bool(match.faster)}"
 
 
 def figure(shown_panels: Sequence[Panel]) -> bytes:

@@ -147,7 +147,7 @@ def generated() -> dict[str, list[str]]:
         "column scan is empty, `gymnasium.make` uses its default: 32 beams, 5 m, full circle. Documents B and C are "
         f"reference papers; [sources]({SOURCES}#sources) says where each number comes from."
     )
-    table = Table("Robots that ship", header, [_row(robot) for robot in ROBOTS.values()], note).markdown()
+    table = Table("Included robots", header, [_row(robot) for robot in ROBOTS.values()], note).markdown()
     sources = [f"## Sources\n\n{_SOURCES}\n"]
     for robot in ROBOTS.values():
         lines = "\n".join(f"- `{field}`: {source}" for field, source in robot.sources.items())
