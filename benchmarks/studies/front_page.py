@@ -313,7 +313,7 @@ def _count(shown_panels: Sequence[Panel]) -> str:
     wins, losses = (str(len(each) or "none") for each in (won, lost))
     alike = outcomes.count(EQUIVALENT)
     ties = len(outcomes) - len(won) - len(lost) - alike
-    quick = [f"{match.where} the {match.sooner} is faster, success undecided" for match in matches if match.sooner]
+    quick = [f"{match.where} the {match.sooner} is faster" for match in matches if match.sooner]
     noted = f" ({'; '.join(quick)})" if quick else ""
     which = [
         f"{camp} win {_listed(each).replace(', on ', ', ')}. "
@@ -323,8 +323,8 @@ def _count(shown_panels: Sequence[Panel]) -> str:
     return (
         f"**Controllers win {wins} of {len(outcomes)} kinds of scenes, agents {losses}.** "
         + "".join(which)
-        + f"{ties} are ties: neither is significantly better in success or error after multiple-test correction{noted}"
-        f"; {alike} equivalent."
+        + f"In {ties}, neither is significantly better in success or error after multiple-test correction{noted}"
+        f". In {alike}, they are equivalent."
     )
 
 
