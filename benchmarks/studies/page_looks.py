@@ -379,7 +379,7 @@ ALONG_PATHS: Mapping[str, Look] = {
 TO_POSES: Mapping[str, Look] = {
     "apf_corrected": Look("field", "where pulls and pushes would take it (arrows)", forces, (GRID, 2), GRID),
     "vfh_plus": Look(
-        "sectors", "directions around it: green are free, red are barred", sectors, (4, vfh_plus.DIRECTIONS)
+        "sectors", "directions around it: violet are free, red are barred", sectors, (4, vfh_plus.DIRECTIONS)
     ),
     "dwa": Look("arcs", "arcs that it could drive; it takes the thick one", arcs, (dwa.SPEEDS * dwa.TURNS + 1, 4)),
     "scan_planner": Look("way", "the way that it plans", planned, (256, 2)),

@@ -153,7 +153,8 @@ print(matplotlib.get_backend(), plt.get_fignums(), dict(matplotlib.rcParams) == 
 def test_colours_stay_apart_for_colour_blind_readers() -> None:
     """In CIELAB, as seen without and with protanopia, deuteranopia and tritanopia (Machado et al. 2009)."""
     style = page.asset("page.css")
-    themes = [re.findall(r"--c\d: (#\w{6})", block) for block in style.split("color-scheme:")[1:]]
+    # those of policies, and that of their thinking, which the picture shows beside them
+    themes = [re.findall(r"--(?:c\d|think): (#\w{6})", block) for block in style.split("color-scheme:")[1:]]
     eyes = [
         np.eye(3),
         np.array([[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]]),
@@ -161,8 +162,8 @@ def test_colours_stay_apart_for_colour_blind_readers() -> None:
         np.array([[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.3039]]),
     ]
     least = (20.0, 20.0, 20.0, 12.0)  # the last eye is one of many thousands
-    for palette in (PALETTE, *(theme[:9] for theme in themes if theme)):
-        assert len(palette) == 9
+    for palette, size in ((PALETTE, 9), *((theme, 10) for theme in themes if theme)):
+        assert len(palette) == size
         linear = np.array([to_rgb(each) for each in palette])
         linear = np.where(linear <= 0.04045, linear / 12.92, ((linear + 0.055) / 1.055) ** 2.4)
         for eye, bound in zip(eyes, least, strict=True):
@@ -171,4 +172,4 @@ def test_colours_stay_apart_for_colour_blind_readers() -> None:
             f = np.cbrt(xyz)  # without the linear part near black, which moves no pair here below the bound
             lab = np.column_stack([116 * f[:, 1], 500 * (f[:, 0] - f[:, 1]), 200 * (f[:, 1] - f[:, 2])])
             apart = np.linalg.norm(lab[:, None] - lab, axis=2)
-            assert apart[np.triu_indices(9, 1)].min() > bound
+            assert apart[np.triu_indices(size, 1)].min() > bound

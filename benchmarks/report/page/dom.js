@@ -57,7 +57,7 @@ let inks = null;
 function ink(name) {
   if (inks === null) {
     const style = getComputedStyle(document.documentElement);
-    inks = new Map(["--paper", "--ink", "--faint", "--line", "--edge", "--panel", "--accent", "--solid", "--path", "--goal", "--fail"]
+    inks = new Map(["--paper", "--ink", "--faint", "--line", "--edge", "--panel", "--accent", "--think", "--solid", "--path", "--goal", "--fail"]
       .concat([...Array(COLOURS).keys()].map((k) => `--c${k}`)).map((each) => [each, style.getPropertyValue(each).trim()]));
   }
   return inks.get(name);

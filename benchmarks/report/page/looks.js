@@ -43,7 +43,7 @@ class Brush {
   }
 
   circle([x, y], radius) {
-    this.line(Array.from({ length: 61 }, (_, k) => [x + radius * Math.cos((k * Math.PI) / 30), y + radius * Math.sin((k * Math.PI) / 30)]), "--accent", 1, 0.7, [4, 4]);
+    this.line(Array.from({ length: 61 }, (_, k) => [x + radius * Math.cos((k * Math.PI) / 30), y + radius * Math.sin((k * Math.PI) / 30)]), "--think", 1, 0.7, [4, 4]);
   }
 
   arrow([x, y], angle, length, colour, width = 3) {
@@ -64,17 +64,17 @@ const LOOKS = {
     if (squared > 1e-6) {
       const curvature = (2 * v) / squared;
       const length = Math.abs(curvature) < 1e-6 ? u : (2 * Math.atan2(v, u)) / curvature;
-      brush.line(Array.from({ length: 33 }, (_, k) => brush.world(onArc(1, 0, curvature, (length * k) / 32))), "--accent", 2.5);
+      brush.line(Array.from({ length: 33 }, (_, k) => brush.world(onArc(1, 0, curvature, (length * k) / 32))), "--think", 2.5);
     }
-    brush.line([[x, y], [px, py]], "--accent", 1, 0.7, [3, 3]);
-    brush.dot([px, py], "--accent", 6);
+    brush.line([[x, y], [px, py]], "--think", 1, 0.7, [3, 3]);
+    brush.dot([px, py], "--think", 6);
   },
 
   offset(brush, [x, y, off, heading]) {
     const foot = [x + off * Math.sin(heading), y - off * Math.cos(heading)];
     brush.line([[x, y], foot], "--fail", 3);
-    brush.arrow(foot, heading, 0.4, "--accent");
-    brush.dot([x, y], "--accent");
+    brush.arrow(foot, heading, 0.4, "--think");
+    brush.dot([x, y], "--think");
   },
 
   field(brush, forces, { places, solid }) {
@@ -85,7 +85,7 @@ const LOOKS = {
       const size = Math.hypot(forces[k], forces[k + 1]);
       if (!(size > 1e-9) || solid.some((each) => distanceTo(each, places[k], places[k + 1]) < 0)) continue;
       brush.context.globalAlpha = 0.75;
-      brush.arrow([places[k], places[k + 1]], Math.atan2(forces[k + 1], forces[k]), room * (0.3 + (0.7 * size) / most), "--accent", 1.3);
+      brush.arrow([places[k], places[k + 1]], Math.atan2(forces[k + 1], forces[k]), room * (0.3 + (0.7 * size) / most), "--think", 1.3);
     }
   },
 
@@ -102,13 +102,14 @@ const LOOKS = {
       context.arc(x, y, hull + 0.02, from, from + width);
       context.arc(x, y, outer, from + width, from, true);
       context.closePath();
-      context.fillStyle = ink(closed ? "--fail" : numbers[2 * count + k] > 0 ? "--c4" : "--c2");
-      context.globalAlpha = 0.55;
+      const reached = !(numbers[2 * count + k] > 0); // by its turning circles
+      context.fillStyle = ink(closed || !reached ? "--fail" : "--think");
+      context.globalAlpha = closed ? 0.55 : reached ? 0.4 : 0.25;
       context.fill();
     }
     context.globalAlpha = 1;
     brush.line([[x, y], [x + 1.6 * Math.cos(numbers[3 * count]), y + 1.6 * Math.sin(numbers[3 * count])]], "--goal", 2, 1, [5, 4]);
-    if (!Number.isNaN(numbers[3 * count + 1])) brush.arrow([x, y], numbers[3 * count + 1], 1.3, "--accent");
+    if (!Number.isNaN(numbers[3 * count + 1])) brush.arrow([x, y], numbers[3 * count + 1], 1.3, "--think");
   },
 
   arcs(brush, numbers, { twist }) {
@@ -122,10 +123,10 @@ const LOOKS = {
     let driven = -1;
     for (let k = 0; k < count; k++) {
       if ([0, 1, 2].every((i) => numbers[4 * k + i] === twist[i])) driven = k;
-      if (scores[k] > -Infinity) brush.line(along(k), "--accent", 1, 0.15 + (0.6 * (scores[k] - low)) / Math.max(high - low, 1e-9));
+      if (scores[k] > -Infinity) brush.line(along(k), "--think", 1, 0.15 + (0.6 * (scores[k] - low)) / Math.max(high - low, 1e-9));
       else brush.line(along(k), "--fail", 1, 0.3, [3, 3]);
     }
-    if (driven >= 0) brush.line(along(driven), "--accent", 3.5);
+    if (driven >= 0) brush.line(along(driven), "--think", 3.5);
   },
 
   rollouts(brush, numbers, { shape: [rows, columns] }) {
@@ -135,8 +136,8 @@ const LOOKS = {
     };
     if (Number.isNaN(numbers[2 * columns * (rows - 1) + 1])) return;
     const order = Array.from({ length: rows - 1 }, (_, r) => [numbers[2 * columns * r], r]).filter(([cost]) => !Number.isNaN(cost)).sort(([a], [b]) => b - a);
-    order.forEach(([cost, r], k) => brush.line(row(r), cost > 5 ? "--fail" : "--accent", 1, 0.12 + (0.55 * k) / order.length));
-    brush.line(row(rows - 1), "--accent", 3.5);
+    order.forEach(([cost, r], k) => brush.line(row(r), cost > 5 ? "--fail" : "--think", 1, 0.12 + (0.55 * k) / order.length));
+    brush.line(row(rows - 1), "--think", 3.5);
   },
 
   // Velocities around the robot: what each half-plane takes away, the wanted one, and the nearest that is left.
@@ -164,7 +165,7 @@ const LOOKS = {
     brush.circle([x, y], reach);
     brush.line([[x, y], [x + SHOWN * wx, y + SHOWN * wy]], "--goal", 2, 1, [5, 4]);
     const speed = Math.hypot(vx, vy);
-    if (speed > 1e-6) brush.arrow([x, y], Math.atan2(vy, vx), SHOWN * speed, "--accent");
+    if (speed > 1e-6) brush.arrow([x, y], Math.atan2(vy, vx), SHOWN * speed, "--think");
   },
 
   // What the network wanted, and what its guard and its limits left of that.
@@ -172,22 +173,22 @@ const LOOKS = {
     brush.circle([brush.x, brush.y], numbers[0]);
     const along = ([vx, vy, w]) => Array.from({ length: 17 }, (_, k) => brush.world(onArc(vx, vy, w, (1.5 * k) / 16)));
     brush.line(along(wanted), "--fail", 2.5, 1, [5, 4]);
-    brush.line(along(twist), "--accent", 3.5);
+    brush.line(along(twist), "--think", 3.5);
   },
 
   way(brush, numbers) {
     const points = [];
     for (let k = 0; k < numbers.length && !Number.isNaN(numbers[k]); k += 2) points.push([numbers[k], numbers[k + 1]]);
-    brush.line(points, "--accent", 2, 0.9, [6, 3]);
+    brush.line(points, "--think", 2, 0.9, [6, 3]);
     if (numbers.length < 300) return;
-    for (const point of points) brush.dot(point, "--accent", 3);
+    for (const point of points) brush.dot(point, "--think", 3);
   },
 };
 
 // The overlay of a trained agent: what its guard or its base makes of what it wanted, or it of what that asks for.
 function guardOf({ guard, base, fill_bodies_scales: scales }) {
-  if (guard) return { kind: "guard", title: "where it wants to go (red, dashed), and what its safety check leaves of that (blue)", numbers: guard };
-  return base && { kind: "guard", title: base.guards ? "where it wants to go (red, dashed), and what ORCA leaves of that (blue)" : "where ORCA alone would go (red, dashed), and where it goes, by what the network adds to that (blue)", numbers: scales };
+  if (guard) return { kind: "guard", title: "where it wants to go (red, dashed), and what its safety check leaves of that (violet)", numbers: guard };
+  return base && { kind: "guard", title: base.guards ? "where it wants to go (red, dashed), and what ORCA leaves of that (violet)" : "where ORCA alone would go (red, dashed), and where it goes, by what the network adds to that (violet)", numbers: scales };
 }
 
 // Beside the picture's own runs, in a memory of its own: what is drawn changes nothing of what is driven.
