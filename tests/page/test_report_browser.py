@@ -953,7 +953,7 @@ def test_a_scene_that_a_link_holds_plays_and_keeps_what_was_put_there(browser: B
         with Watched(browser, files["demo"]) as other:
             other.page.locator(".files input[type=text]").fill(url)
             told = other.page.locator(".sentence").inner_text()
-            assert "came by a link" in told
+            assert "with a thing that a friend placed, came by a link" in told
             assert "play" not in told  # it plays
             other.until("replay.playing && replay.step > 3 && replay.step < replay.last")
             assert other.page.evaluate("replay.world.own") == 1

@@ -7,9 +7,9 @@ const WITHIN = 1.25; // of the quickest controller's time, in whole seconds: bro
 const ENDED = { success: "Finished in", collision: "Crashed after", left_corridor: "Off the grey band after", timeout: "Out of time:", left: "Drove off after", stopped: "Stopped after" };
 const ABOUT = "Beat controllers and a trained network by hand, or watch them drive.";
 const ASKED = { path: "Stay on the grey band to the star, or the run ends", dock: "Park on the star, facing the way its line points" };
-const SENT = "This scene came by a link";
 const NEAR_MISS = 0.5; // m
 const LONG_LINE = 120; // characters that two lines hold
+const things = (count) => (count === 1 ? "a thing" : `${count} things`);
 const coarse = () => window.matchMedia("(pointer: coarse)").matches;
 
 const still = () => window.matchMedia("(prefers-reduced-motion: reduce)").matches;
@@ -85,12 +85,21 @@ class Race {
     const modes = [hand && !editor.stays, editor.stays && editor.tool === "path", editor.stays && editor.tool === "disc"];
     this.large[0].textContent = this.opening ? `Race it: challenge ${this.due + 1}` : "Race it";
     this.large.forEach((button, k) => button.setAttribute("aria-pressed", Boolean(modes[k])));
-    const text = hand ? this.asked(run) : this.run ? "Try again, take another challenge, or send a friend your run." : this.sent ? `${SENT}${replay.playing ? "" : ": “play” shows it"}.` : this.opening ? demo.sentence : this.closest() || ABOUT;
+    const text = hand ? this.asked(run) : this.run ? "Try again, take another challenge, or send a friend your run." : this.sent ? this.came() : this.opening ? demo.sentence : this.closest() || ABOUT;
     this.headline(text);
     this.number.value = this.now < 0 || this.opening ? "" : String(this.now);
-    const verdict = editor.stays && editor.tool === "disc" && world.own && this.verdict();
-    if (verdict) editor.tell(`${verdict} Click or tap for another disc.`);
-    if (editor.stays && this.closest()) editor.tell(`${this.closest()} Tracks are drawn a few pixels apart.`);
+    const verdict = !editor.stays ? "" : editor.tool === "path" ? this.closest() : world.own ? this.verdict() : "";
+    if (verdict) editor.tell(`${verdict} ${editor.tool === "path" ? "Tracks are drawn a few pixels apart." : `Click or tap for another ${editor.tool}.`}`);
+    else if (this.told) editor.tell(AGAIN[editor.tool] || "");
+    this.told = verdict; // it goes as the end of the runs leaves the picture
+  }
+
+  // Of a scene that came by a link: what its sender did to it.
+  came() {
+    const { playing, world: { own, edited, name } } = this.replay;
+    const what = name === "drawn" ? "A line that a friend drew" : "This scene";
+    const how = own ? `, with ${things(own)} that ${name === "drawn" ? "they" : "a friend"} placed` : edited && name !== "drawn" ? ", which a friend changed" : "";
+    return `${what}${how}${how ? "," : ""} came by a link${playing ? "" : ": “play” shows it"}.`;
   }
 
   // Long ones are smaller: the picture below stays where it is.
