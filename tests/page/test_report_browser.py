@@ -397,21 +397,26 @@ def test_a_race_has_a_result_and_its_link_carries_the_run(browser: Browser, file
         tab.locator(".card .note", has_text="Link copied").wait_for()
         assert inside(box_of(tab, ".card .note"), (0, 0, 390, 844))
         other.evaluate("ready")
-        for _ in range(300):  # the ghost's run is driven anew
+        for _ in range(300):  # the friend's run is driven anew
             if other.evaluate(DRIVEN):
                 break
             other.wait_for_timeout(100)
         driven = POSES.replace("drive.runs", "drive.runs.filter((run) => run.tape.length)")
-        (_, mine), (_, ghost) = (each.evaluate(driven)[0] for each in (tab, other))
-        assert ghost == mine
+        (_, mine), (_, friend) = (each.evaluate(driven)[0] for each in (tab, other))
+        assert friend == mine
         other.evaluate("replay.pace(8)")
         other.get_by_role("button", name="watch first").click()
         assert other.locator(".card").is_hidden()
-        other.get_by_role("button", name="Race the ghost").click(
+        other.get_by_role("button", name="Race your friend").click(
             timeout=60_000
         )  # it comes back once the film has ended
-        assert other.evaluate("drive.runs.length") == 5  # three rivals, the ghost, and another hand
-        assert other.evaluate("drive.race.limits") == tab.evaluate("drive.race.limits")  # a ghost takes no medal
+        assert other.evaluate("drive.runs.length") == 5  # three rivals, the friend, and another hand
+        assert other.evaluate("drive.race.limits") == tab.evaluate("drive.race.limits")  # a friend takes no medal
+        quickest = other.evaluate("drive.race.limits[0]")
+        result = other.evaluate(FINISHED, quickest)
+        assert "a friend\n" in result
+        assert ("Gold medal" in result, f"1st of {5}" in result) == (True, True)
+        assert "ghost" not in other.inner_text("body")
         tab.keyboard.up("ArrowUp")
         tab.keyboard.press("r")
         assert "clock waits for your first press" in tab.locator(".sentence").inner_text()
@@ -567,18 +572,11 @@ def test_gold_is_the_quickest_controller_bronze_a_quarter_more_and_silver_half_w
         told = [f"{each:.2f}\N{NO-BREAK SPACE}s" for each in (gold, silver, bronze)]
         assert all(each in tab.locator(".sentence").inner_text() for each in told)
         # a time of one's own, and its medal
-        ended = """(time) => {
-          const { hand: run, race } = drive;
-          for (const name of ["x", "y", "heading"]) run.actor[name] = Array(Math.round(time / DT) + 1).fill(0);
-          [run.actor.outcome, run.tape] = ["success", run.actor.x.slice(1)];
-          race.over(run);
-          return race.card.innerText;
-        }"""
         pairs = zip(
             (gold, silver, bronze, 60.0), ("Gold medal", "Silver medal", "Bronze medal", "No medal"), strict=True
         )
         for time, medal in pairs:
-            card = tab.evaluate(ended, math.floor(time / 0.05 + 1e-6) * 0.05)
+            card = tab.evaluate(FINISHED, math.floor(time / 0.05 + 1e-6) * 0.05)
             assert medal in card
             assert ("within the limit for" in card) == (medal in ("Silver medal", "Bronze medal"))
             assert all(each in card for each in [*told, "1.25"])
@@ -636,6 +634,16 @@ def test_a_best_time_is_shown_and_an_easier_run_is_marked_and_is_none(browser: B
         tab = watched.page
         straight = """() => {
           replay.world.obstacles.length = 1;
+# ends the race by hand after some seconds, and returns the card
+FINISHED = """(time) => {
+  const { hand: run, race } = drive;
+  for (const name of ["x", "y", "heading"]) run.actor[name] = Array(Math.round(time / DT) + 1).fill(0);
+  [run.actor.outcome, run.tape] = ["success", run.actor.x.slice(1)];
+  race.over(run);
+  return race.card.innerText;
+}"""
+
+
           drive.begin(drive.hand, true);
           drive.twistByHand = ({ pose: [x, y, heading], world: { goal } }) => {
             const off = Math.atan2(goal[1] - y, goal[0] - x) - heading;

@@ -1,7 +1,7 @@
 // Drives policies in the page: each run goes to its end by the package's own kernels, and again whenever the scene changes.
 
 const KEYBOARD = "you, by keyboard or pad";
-const GHOST = "a friend (ghost)"; // what a link carries of a run by hand
+const FRIEND = "a friend"; // what a link carries of a run by hand
 const MOTORS = { ideal: "perfect", lagged: "normal", slow: "sluggish" };
 const FAST = 6; // ms of a frame for the simulator
 const WAITS = "Slow motion: the runs are still being computed.";
@@ -74,7 +74,7 @@ class Drive {
     this.editor = new Editor(this);
     this.gains = new Gains(this);
     this.looks = new Looks(this);
-    if (free) for (const label of [...replay.told.demo.opening.runs.map(({ policy }) => policy), KEYBOARD, GHOST, "ppo (trained)", ...RIVALS]) rank(label); // each has its colour
+    if (free) for (const label of [...replay.told.demo.opening.runs.map(({ policy }) => policy), KEYBOARD, FRIEND, "ppo (trained)", ...RIVALS]) rank(label); // each has its colour
     this.sheets = {}; // data sheets of robots of one's own, by name
     this.scenes = 0; // changes of the scene so far
     this.share = new Share(this);
@@ -437,7 +437,7 @@ class Drive {
       if (from) for (let k = 0; k < step; k++) this.note(draft, [from.x[k], from.y[k], from.heading[k]], from.error ? from.error[k] : 0, from.others.map(({ x, y }) => [x[k], y[k]]));
       this.note(draft, simulator.pose, this.errorOf(simulator), simulator.others);
       if (byHand) run.tape = [];
-      const pilot = [KEYBOARD, GHOST].includes(label) ? new Tape(run, simulator) : pilotFor(simulator, label, gains);
+      const pilot = [KEYBOARD, FRIEND].includes(label) ? new Tape(run, simulator) : pilotFor(simulator, label, gains);
       if (!pilot) throw new Error("the page has no such policy for this robot");
       run.exact = note;
       run.field = boundsOf(replay.world, []).shown;

@@ -1,4 +1,4 @@
-// Races against controllers and a network: numbered challenges, the result, medals, and a friend's ghost.
+// Races against controllers and a network: numbered challenges, the result, medals, and a friend's run.
 
 const RIVALS = ["astar_tracker", "vfh_plus", "reeds_shepp", "orca_team", "polar", "dwa", "lqr", "pure_pursuit"];
 const BEST = "wayfield best times"; // in the browser's storage
@@ -130,7 +130,7 @@ class Race {
     const seen = Math.sin(run.actor.heading[0]) < -0.3 ? ", as the robot sees it" : ""; // it faces down the screen
     const turn = coarse() ? `hold “ahead”${omni ? ", “go left” or “go right”" : `, turn by “left” and “right”${seen}`}` : `hold ↑, turn by ← and →${seen}${omni ? "; A and D go sideways" : ""}`;
     const { limits } = this;
-    const [count, found] = [replay.actors.filter(({ ghost, policy }) => !ghost && policy !== GHOST).length, this.best[this.now < 0 ? "" : this.key(this.now)]];
+    const [count, found] = [replay.actors.filter(({ ghost, policy }) => !ghost && policy !== FRIEND).length, this.best[this.now < 0 ? "" : this.key(this.now)]];
     const prize = `${limits && limits[0] < Infinity ? `${MEDALS.map((each, k) => `${each} ${replay.scored(limits[k])}`).join(", ")}. `.replace("g", "G") : ""}${found ? `Your best: ${found.time.toFixed(2)} s. ` : ""}`;
     return `${ASKED[replay.world.kind] || ((replay.world.waypoints || []).length ? "Drive through the rings, in order, to the star" : "Drive to the star")}: ${turn}. ${run.tape.length ? count > 1 ? `You pass through the other racers${replay.world.bodies ? `; each has its own ${companyOf(replay.world)}` : ""}.` : "" : `${prize}The clock waits for your first press.`}`;
   }
@@ -154,7 +154,7 @@ class Race {
   // What the medals need, gold first, in what runs are compared by; null while the quickest controller is not known.
   get limits() {
     const { replay } = this;
-    const rivals = replay.actors.filter(({ ghost, policy }) => !ghost && ![KEYBOARD, GHOST].includes(policy));
+    const rivals = replay.actors.filter(({ ghost, policy }) => !ghost && ![KEYBOARD, FRIEND].includes(policy));
     const gold = Math.min(...rivals.filter(({ outcome }) => outcome === "success").map((each) => replay.score(each)));
     if (!rivals.length || rivals.some(({ outcome, x }) => !outcome && (replay.byError || (x.length - 1) * DT <= gold))) return null;
     const bronze = replay.byError ? WITHIN * gold : Math.ceil((WITHIN * gold).toFixed(6)); // whole seconds
@@ -344,29 +344,31 @@ class Race {
     if (!run && drive.drives && !drive.hand.tape.length) this.watch(); // what the medals need is known
     if (!run) return;
     const steps = ({ x }) => x.length - 1;
-    const friend = replay.actors.find(({ policy }) => policy === GHOST);
-    const field = replay.actors.filter((actor) => !actor.ghost && actor !== friend);
-    const rivals = field.filter(({ policy }) => policy !== KEYBOARD);
+    const friend = replay.actors.find(({ policy }) => policy === FRIEND);
+    const field = replay.actors.filter((actor) => !actor.ghost);
+    const others = field.filter(({ policy }) => policy !== KEYBOARD);
+    const rivals = others.filter((actor) => actor !== friend); // medals are won against these
     const arrived = (actor) => actor.outcome === "success";
-    const there = replay.ranked(rivals.filter(arrived));
-    const settled = rivals.every((actor) => actor.outcome || steps(actor) > steps(run.actor));
-    const place = arrived(run.actor) && settled ? there.filter((each) => replay.rank(each) < replay.rank(run.actor)).length : -1;
-    const medal = !rivals.length || place < 0 ? "" : MEDALS[place && this.limits.findIndex((each) => replay.rank(run.actor) <= each)] || "";
+    const there = others.filter(arrived);
+    const settled = others.every((actor) => actor.outcome || steps(actor) > steps(run.actor));
+    const faster = there.filter((each) => replay.rank(each) < replay.rank(run.actor));
+    const place = arrived(run.actor) && settled ? faster.length : -1;
+    const medal = !rivals.length || place < 0 ? "" : MEDALS[faster.some((each) => each !== friend) ? this.limits.findIndex((each) => replay.rank(run.actor) <= each) : 0] || "";
     const eased = easedBy(run);
     const best = this.nth < 0 ? "" : this.record(run, eased);
     if (place >= 0 && !eased) this.keep(steps(run.actor) * DT, medal);
     const order = replay.ranked(field);
-    const shown = order.length > 6 ? order.filter((actor, k) => k < 4 || actor === run.actor) : order;
+    const shown = order.length > 6 ? order.filter((actor, k) => k < 4 || [run.actor, friend].includes(actor)) : order;
     const rows = shown.map((actor) => el("li", { class: actor === run.actor ? "mine" : "" }, el("span", {}, actor === run.actor ? "you" : actor.label.replace(/ \(.*\)/, "")), el("span", {}, arrived(actor) ? replay.result(actor) : (OUTCOMES[actor.outcome] || "still driving").replace("ran ", ""))));
     const next = this.nth < 0 ? this.due : this.nth + 1;
     const forward = next < this.challenges.length && this.nth >= 0 && medal === "gold" ? "go" : null;
     this.say(this.ended(run, ENDED[run.actor.outcome]),
       ...(place < 0 || !rivals.length ? [] : [el("p", { class: medal ? `medal ${medal}` : "" }, `${medal ? medal[0].toUpperCase() + medal.slice(1) : "No"} medal`),
-        el("p", {}, `${["1st", "2nd", "3rd"][place] || `${place + 1}th`} of ${rivals.length + 1}${place && medal ? `, within the limit for ${medal}` : there.some((each) => steps(each) === steps(run.actor)) ? ", a tie" : ""}`)]),
+        el("p", {}, `${["1st", "2nd", "3rd"][place] || `${place + 1}th`} of ${others.length + 1}${medal && medal !== "gold" ? `, within the limit for ${medal}` : there.some((each) => steps(each) === steps(run.actor)) ? ", a tie" : ""}`)]),
       this.why(run) ? el("p", { class: "needed" }, this.why(run)) : null,
       eased ? el("p", { class: "needed" }, `Driven ${eased}${this.nth < 0 ? "." : ": this does not count as a best time."}`) : null,
       best ? el("p", { class: "needed" }, best) : null,
-      rivals.length ? el("ol", { class: "order" }, rows, shown.length < order.length ? el("li", {}, el("span", {}, `and ${order.length - shown.length} others`), el("span")) : null) : null, friend ? el("p", { class: "needed" }, this.beside(run.actor, friend)) : null, this.rule ? el("p", { class: "needed" }, this.rule) : null,
+      others.length ? el("ol", { class: "order" }, rows, shown.length < order.length ? el("li", {}, el("span", {}, `and ${order.length - shown.length} others`), el("span")) : null) : null, friend ? el("p", { class: "needed" }, this.beside(run.actor, friend)) : null, this.rule ? el("p", { class: "needed" }, this.rule) : null,
       el("div", { class: "files" }, button(coarse() ? "Try again" : "Try again (R)", () => this.again(), { class: forward ? null : "go" }), next < this.challenges.length ? button(this.nth < 0 ? `Challenge ${next + 1}: ${this.challenges[next].name}` : "Next challenge", () => this.open(next), { class: forward }) : null,
         button("Copy a link to race this run", async () => {
           this.tell(await drive.share.link());
@@ -416,9 +418,9 @@ class Race {
   challenged(run) {
     this.drive.replay.choose(run.actor);
     while (run.pending) this.drive.pump(1); // who is looked at goes first
-    const eased = easedBy(run);
-    this.say(this.ended(run, `${run.actor.own ? "You" : "A friend"} ${(ENDED[run.actor.outcome] || "drove for").toLowerCase()}`), eased ? el("p", {}, `driven ${eased}`) : null, el("p", {}, ["success", ""].includes(run.actor.outcome) ? "Can you do better?" : "Can you arrive?"),
-      el("div", { class: "files" }, button(coarse() ? "Race the ghost" : "Race the ghost (R)", () => this.again(), { class: "go" }), button("watch first", () => {
+    const [eased, { own }] = [easedBy(run), this.replay.world];
+    this.say(this.ended(run, `${run.actor.own ? "You" : "A friend"} ${(ENDED[run.actor.outcome] || "drove for").toLowerCase()}`), eased ? el("p", {}, `driven ${eased}`) : null, own ? el("p", {}, `with ${things(own)} placed in the way`) : null, el("p", {}, ["success", ""].includes(run.actor.outcome) ? "Can you do better?" : "Can you arrive?"),
+      el("div", { class: "files" }, button(coarse() ? "Race your friend" : "Race your friend (R)", () => this.again(), { class: "go" }), button("watch first", () => {
         this.close();
         this.watched = run;
         this.replay.toggle(true);

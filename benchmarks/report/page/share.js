@@ -57,7 +57,7 @@ class Share {
     const { drive, replay } = this;
     const { world } = replay;
     const place = picks.state();
-    const runs = drive.runs.filter((run) => !run.reference && ![KEYBOARD, GHOST].includes(run.asked.label) && !run.asked.from).map(({ asked: { label, conditions, gains } }) => (
+    const runs = drive.runs.filter((run) => !run.reference && ![KEYBOARD, FRIEND].includes(run.asked.label) && !run.asked.from).map(({ asked: { label, conditions, gains } }) => (
       { policy: label, actuators: conditions.actuators, disturbance: conditions.disturbance, ...(Object.keys(gains).length ? { gains } : {}) }));
     const own = world.edited || !place;
     const byHand = drive.runs.find((run) => run.tape.length && !run.asked.from);
@@ -158,7 +158,7 @@ class Share {
       replay.split(other);
     }
     if (state.overlay === true) drive.looks.turn(true);
-    const friend = ghost && drive.add({ label: GHOST, tape: ghost });
+    const friend = ghost && drive.add({ label: FRIEND, tape: ghost });
     if (friend && state.eased) [friend.slow, friend.halted] = state.eased;
     if (friend && own) [friend.actor.own, friend.actor.label] = [true, "your last run"];
     if (state.step) drive.pump(AHEAD);
