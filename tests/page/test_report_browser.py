@@ -1093,6 +1093,11 @@ def test_every_robot_that_the_kernels_know_can_be_chosen_and_drives(browser: Bro
             tab.evaluate(CHOSEN, robot)
             tab.evaluate("drive.clear(); drive.add({ label: 'vfh_plus' }); drive.pump(20000)")
             assert tab.evaluate("drive.runs[0].actor.robot") == robot
+        watched.page.locator(".noted", has_text="saved as wayfield.webm").wait_for()
+        left, _, right, bottom = box_of(watched.page, ".noted")
+        button = box_of(watched.page, ".record")  # the eye is there
+        assert 0 <= button[1] - bottom < 20
+        assert left <= button[0] <= button[2] <= right
             assert tab.evaluate(MOVED) > 0.05
             # it is drawn as large as it is
             assert tab.evaluate("HULLS[replay.robot]") == pytest.approx(ROBOTS[robot].hull_radius)

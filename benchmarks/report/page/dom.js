@@ -23,12 +23,15 @@ function say(text) {
   byId("said").textContent = text;
 }
 
-// What has come of something that one waited for, wherever the page has been scrolled to.
-function noted(text) {
+// What has come of something that one waited for: above the button that was pressed, or where that is not seen on top.
+function noted(text, { left, right, top, bottom }) {
   const note = el("p", { class: "noted" }, text);
   for (const each of document.querySelectorAll(".noted")) each.remove();
   document.body.append(note);
-  setTimeout(() => note.remove(), 8000);
+  const { width, height } = note.getBoundingClientRect();
+  const middle = Math.min(Math.max((left + right) / 2, width / 2 + 12), window.innerWidth - width / 2 - 12);
+  if (top > height + 16 && bottom <= window.innerHeight) [note.style.left, note.style.top] = [`${middle}px`, `${top - height - 8}px`];
+  setTimeout(() => note.remove(), 12000);
   say(text);
 }
 

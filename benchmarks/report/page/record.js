@@ -109,14 +109,14 @@ function recordButton(replay) {
       held = await bytes();
       downloaded(new Blob(parts, { type: "video/webm" }), FILM.name);
       noted(held < 0.5 * count ? `The film has only ${held} of its ${count} pictures, as this computer is too busy: close other programs, and record again.`
-        : `The film was saved as ${FILM.name}, where your browser keeps downloads.${count > FILM.seconds * FILM.rate ? ` It holds ${FILM.seconds} s, and no more.` : ""}`);
+        : `The film was saved as ${FILM.name}, where your browser keeps downloads.${count > FILM.seconds * FILM.rate ? ` It holds ${FILM.seconds} s, and no more.` : ""}`, button.getBoundingClientRect());
     };
     armed = replay.poised();
     if (!armed) recorder.start(100);
     button.textContent = "■ stop";
     button.setAttribute("aria-label", "stop recording");
     button.classList.add("on");
-    if (armed) noted("The film begins with your first press.");
+    if (armed) noted("The film begins with your first press.", button.getBoundingClientRect());
     else replay.toggle(true);
   };
   button.hidden = typeof MediaRecorder === "undefined" || !MediaRecorder.isTypeSupported("video/webm");
