@@ -165,6 +165,15 @@ NAMES = {
     "ilqr": ("iterative LQR", "plans the next seconds anew in every step"),
 }
 
+# who is first in the published results of each kind of scene, of those that the page drives
+BEST = {
+    "path": ["ilqr", "lqr", "regulated_pure_pursuit"],
+    "goal": ["astar_tracker", "orca", "any_robot"],
+    "dock": ["polar", "smooth_pose_backward", "reeds_shepp"],
+    "team": ["team_scan", "orca_team"],
+    "people": ["people_free", "orca_team"],
+}
+
 
 def worlds(families: Collection[str] = ()) -> list[World]:
     """Returns the first scenarios of the test split of some families, or of all that the page can drive in."""
@@ -243,6 +252,7 @@ def setup() -> dict[str, Any]:
         "challenges": CHALLENGES,
         "scenes": scenes(),
         "names": NAMES,
+        "best": BEST,
         "robots": {name: re.split(r"[,(]", robot.title)[0].strip() for name, robot in ROBOTS.items()},
         "unable": unable(),
         "absent": ABSENT,

@@ -205,6 +205,24 @@ def test_the_page_tells_what_the_results_found_of_its_opening() -> None:
     assert len(set(names)) == len(names)
 
 
+def test_the_list_of_a_kind_of_scene_begins_with_the_first_of_its_published_table() -> None:
+    docs = Path(__file__).parents[2] / "docs"
+    tables = (docs / "results.md").read_text(encoding="utf-8").split("\n**[")
+    headings = {"path": "Follow a path", "goal": "Reach a goal among static obstacles", "dock": "Dock at a pose"}
+    for kind, heading in headings.items():
+        table = next(each for each in tables if each.startswith(heading))
+        policies = dict.fromkeys(re.findall(r"^\|(?:[^|`\n]*\|)? *`(\w+)`", table, re.MULTILINE))
+        assert [each for each in policies if each in demo.NAMES][:3] == demo.BEST[kind]
+    flocks = (docs / "results/flocks.md").read_text(encoding="utf-8").split("## ")[0]
+    for kind in ("team", "people"):  # the best agent of a row, and the best controller
+        assert any(
+            all(f"| `{each}" in row for each in demo.BEST[kind])
+            for row in flocks.splitlines()
+            if ("people" in row) == (kind == "people")
+        )
+    assert set(demo.BEST) == {spec.kind for spec in IN_PAGE.values()}
+
+
 def test_the_demo_is_one_file_within_its_budget_that_asks_for_nothing(tmp_path: Path) -> None:
     made = CliRunner().invoke(demo.main, ["--out", str(tmp_path / "demo.html")], catch_exceptions=False)
     assert made.exit_code == 0

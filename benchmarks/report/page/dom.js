@@ -93,17 +93,19 @@ function downloaded(blob, name) {
 // By the name that Python has: what is shown instead, and what it does in a phrase; the payload of the demo tells them.
 const NAMES = {};
 const OWN = { trained: "", tuned: ", tuned", "hand-tuned": ", hand-tuned", paper: ", paper's gains" };
-const TUNED = "Tuned: gains (a controller's settings) found by a search; hand-tuned: by a person.";
+const FOUND = { tuned: "gains (settings) found by a search", "hand-tuned": "gains (settings) found by a person", paper: "gains (settings) of its paper" };
 
-// A policy's label as it is shown, among those that drive there.
-function called(label, able = []) {
+// A policy's label as it is shown.
+function called(label) {
   if (label === KEYBOARD) return "you";
   const [, base, gains] = label.match(/^(\w+)(?: \((.*)\))?$/) || [];
-  const twin = !gains && able.some((each) => each.startsWith(`${base} (`) && !each.endsWith("(trained)"));
-  return base in NAMES ? `${NAMES[base][0]}${twin ? ", default gains" : OWN[gains] ?? ""}` : label;
+  return base in NAMES ? `${NAMES[base][0]}${OWN[gains] ?? ""}` : label;
 }
 
 // What a policy does, in a phrase; "" of one that nobody describes.
-const aboutOf = (label) => (NAMES[label.split(" ")[0]] || ["", ""])[1];
+const aboutOf = (label) => {
+  const [base, gains = ""] = label.split(" (");
+  return [(NAMES[base] || ["", ""])[1], FOUND[gains.slice(0, -1)]].filter(Boolean).join("; ");
+};
 
 const short = (value, digits = 3) => (value === null || Number.isNaN(value) ? "" : Number(value.toPrecision(digits)).toString());

@@ -142,6 +142,16 @@ class Drive {
     return there.includes(value) && (this.picked || has(value)) ? value : there.find(has) || there[0];
   }
 
+  // In a list: first who is first in the published results of such scenes, each by its best gains, then all others, those with other gains last.
+  grouped(able) {
+    const { demo } = this.replay.told;
+    const first = ((demo && demo.best[this.replay.world.kind]) || []).map((name) => ["hand-tuned", "tuned", "trained"].map((gains) => `${name} (${gains})`).concat(name).find((each) => able.includes(each))).filter(Boolean);
+    const others = able.filter((each) => !first.includes(each));
+    const learned = (label) => label.endsWith("(trained)") || ["agent", "any_robot"].includes(label);
+    const found = { "first in published results": first, networks: others.filter(learned), controllers: others.filter((each) => !learned(each) && !each.includes("(")), "controllers with other gains (settings)": others.filter((each) => !learned(each) && each.includes("(")) };
+    return Object.fromEntries(Object.entries(found).filter(([, those]) => those.length));
+  }
+
   // Which policies can drive here, and which cannot and why.
   offer() {
     const { replay, who } = this;
@@ -153,7 +163,7 @@ class Drive {
     const able = this.able();
     const shown = this.runs.find((run) => run.actor === replay.chosen); // who is looked at is who is chosen
     const before = shown && able.includes(shown.asked.label) ? shown.asked.label : who.value;
-    who.replaceChildren(...able.map((each) => el("option", { value: each, title: aboutOf(each) }, called(each, able))));
+    who.replaceChildren(...Object.entries(this.grouped(able)).map(([label, those]) => el("optgroup", { label }, those.map((each) => el("option", { value: each, title: aboutOf(each) }, called(each))))));
     who.value = able.includes(before) ? before : this.usual(able);
     const others = replay.told.demo ? (replay.told.demo.unable || {})[replay.world.kind] || [] : [];
     const unable = [...new Set([...replay.actors.filter((actor) => actor.told && !able.includes(actor.policy)).map((actor) => actor.policy), ...others])];
@@ -172,8 +182,7 @@ class Drive {
   // Who is chosen, in a phrase, and for Python.
   describe() {
     const { who: { value }, replay: { world } } = this;
-    const tuned = [value, ...this.runs.map(({ asked }) => asked.label)].some((each) => each.includes("tuned"));
-    this.about.textContent = [aboutOf(value), tuned && TUNED].filter(Boolean).join(". ");
+    this.about.textContent = aboutOf(value);
     this.named.textContent = `In Python: ${value}${world.seed === undefined ? "" : ` in ${world.family}, no. ${world.seed} (Python counts from 0)`}.`;
     this.gains.offer();
   }
