@@ -522,6 +522,90 @@ def test_all_within_a_metre_of_a_drawn_line_is_in_the_scene(browser: Browser, fi
         assert watched.errors == []
 
 
+def test_what_is_said_of_the_end_of_runs_goes_with_it_and_is_what_they_are_sorted_by(
+    browser: Browser, files: dict[str, Path]
+) -> None:
+    with Watched(browser, files["demo"], viewport={"width": 1440, "height": 900}) as watched:
+        tab = watched.page
+        hint, caption = tab.locator(".words .hint").first, tab.locator(".side > .note")
+        tab.get_by_role("button", name="Put things in its way").click()
+        x, y, _ = tab.evaluate("replay.world.goal")
+        drag(tab, [[x + 1.5, y + 1.5], [x + 1.6, y + 1.5]])
+        tab.evaluate("drive.add({ label: 'vfh_plus' }); drive.add({ label: 'dwa' }); drive.pump(20000)")
+        for _ in range(2):  # and when it is looked at again
+            tab.evaluate("replay.toggle(false); replay.seek(replay.last)")
+            assert " of 3 arrived. Click or tap" in hint.inner_text()
+            tab.evaluate("replay.seek(Math.floor(replay.last / 2))")
+            assert "arrived" not in hint.inner_text()
+            tab.evaluate("replay.seek(0)")
+            assert "arrived" not in hint.inner_text()
+        assert caption.inner_text() == "The fastest comes first."
+        tab.get_by_role("button", name="Draw a path").click()
+        cx, cy = tab.evaluate("replay.view.centre")
+        drag(tab, [[cx - 1, cy], [cx, cy + 0.3], [cx + 1, cy]])
+        watched.until(f"replay.world.kind === 'path' && {DRIVEN}")
+        tab.evaluate("replay.toggle(false); replay.seek(replay.last)")
+        assert "Closest to your line" in hint.inner_text()
+        assert caption.inner_text() == "Closest to the line comes first."
+        tab.evaluate("replay.seek(1)")
+        assert "Closest to your line" not in hint.inner_text()
+        by_hand(tab)
+        tab.evaluate(FINISHED, 60.0)
+        tab.keyboard.press("Escape")
+        tab.evaluate("replay.stretch(); replay.seek(replay.last)")
+        times = [float(each) for each in re.findall(r"arrived, ([\d.]+) s", tab.locator(".side .actors").inner_text())]
+        assert len(times) == tab.evaluate("drive.runs.length") - 1  # all but the hand, whose end is made up
+        assert times == sorted(times)
+        assert caption.inner_text() == "The fastest comes first."
+        assert "Closest" not in tab.locator(".words").inner_text()
+        assert watched.errors == []
+
+
+@pytest.mark.parametrize(("width", "height"), [(1440, 900), (1024, 768), (390, 844)])
+def test_a_line_of_text_that_comes_or_goes_moves_nothing(
+    browser: Browser, files: dict[str, Path], width: int, height: int
+) -> None:
+    size: Any = {"width": width, "height": height}
+    with Watched(browser, files["demo"], viewport=size) as watched:
+        tab = watched.page
+        tab.evaluate("drive.clear(); for (const label of ['dwa', 'vfh_plus']) drive.add({ label })")
+        tab.evaluate("replay.split(replay.actors[0]); drive.pump(20000); replay.toggle(false)")
+        tops = "[replay.canvas, replay.bar, drive.choice, replay.list, replay.scenario].map((each) => each.offsetTop)"
+        before = tab.evaluate(tops)
+        assert tab.locator(".side > .note").inner_text() == ""
+        tab.evaluate("replay.seek(replay.last)")
+        assert tab.locator(".side > .note").inner_text() == "The fastest comes first."
+        assert tab.evaluate(tops) == before
+        tab.evaluate("replay.seek(20); drive.looks.turn(true)")
+        tab.locator(".hint", has_text="What is drawn").wait_for()
+        settled(tab)
+        assert tab.evaluate(tops) == before
+        tab.evaluate("drive.result.textContent = WAITS")
+        assert tab.evaluate(tops) == before
+        for label in ("vfh_plus (hand-tuned)", "ppo (trained)", "smooth_pose"):  # told in one line or two
+            tab.get_by_label("who drives").select_option(label)
+            assert tab.evaluate(tops) == before
+        assert watched.errors == []
+
+
+def test_the_list_of_controllers_begins_with_the_best_and_is_searched_by_letters(
+    browser: Browser, files: dict[str, Path]
+) -> None:
+    with Watched(browser, files["demo"], reduced_motion="reduce") as watched:
+        tab = watched.page
+        first = tab.locator("[aria-label='who drives'] optgroup").first
+        shown = first.locator("option").evaluate_all("(found) => found.map((each) => each.value.split(' ')[0])")
+        assert shown == demo.BEST["goal"]
+        names = tab.evaluate("[...drive.who.options].map((each) => each.textContent)")
+        assert len(set(names)) == len(names)
+        assert sorted(tab.evaluate("[...drive.who.options].map((each) => each.value)")) == sorted(
+            tab.evaluate("drive.able()")
+        )
+        tab.get_by_label("who drives").focus()
+        tab.keyboard.type("dyna")
+        assert tab.evaluate("drive.who.value.split(' ')[0]") == "dwa"
+
+
 def test_who_passes_the_ring_is_told_by_how_much(browser: Browser, files: dict[str, Path], tmp_path: Path) -> None:
     beside = '{"start": [0, 0, 0], "goal": [1.5, 0.3, 0], "position_tolerance": 0.2}'
     with race(browser, files["demo"], tmp_path / "beside.json", beside, "8") as watched:
@@ -555,6 +639,16 @@ def test_keys_that_are_held_when_a_run_ends_leave_the_film_alone_until_they_come
         tab.keyboard.press("ArrowLeft")
         assert tab.evaluate("replay.step") == 8
         assert watched.errors == []
+
+
+# ends the race by hand after some seconds, and returns the card
+FINISHED = """(time) => {
+  const { hand: run, race } = drive;
+  for (const name of ["x", "y", "heading"]) run.actor[name] = Array(Math.round(time / DT) + 1).fill(0);
+  [run.actor.outcome, run.tape] = ["success", run.actor.x.slice(1)];
+  race.over(run);
+  return race.card.innerText;
+}"""
 
 
 def test_gold_is_the_quickest_controller_bronze_a_quarter_more_and_silver_half_way(
@@ -634,16 +728,6 @@ def test_a_best_time_is_shown_and_an_easier_run_is_marked_and_is_none(browser: B
         tab = watched.page
         straight = """() => {
           replay.world.obstacles.length = 1;
-# ends the race by hand after some seconds, and returns the card
-FINISHED = """(time) => {
-  const { hand: run, race } = drive;
-  for (const name of ["x", "y", "heading"]) run.actor[name] = Array(Math.round(time / DT) + 1).fill(0);
-  [run.actor.outcome, run.tape] = ["success", run.actor.x.slice(1)];
-  race.over(run);
-  return race.card.innerText;
-}"""
-
-
           drive.begin(drive.hand, true);
           drive.twistByHand = ({ pose: [x, y, heading], world: { goal } }) => {
             const off = Math.atan2(goal[1] - y, goal[0] - x) - heading;
@@ -1009,6 +1093,11 @@ def test_what_is_shown_is_recorded(browser: Browser, files: dict[str, Path], tmp
         with watched.page.expect_download() as download:
             watched.page.get_by_role("button", name="stop recording").click()
         assert download.value.suggested_filename == "wayfield.webm"
+        watched.page.locator(".noted", has_text="saved as wayfield.webm").wait_for()
+        left, _, right, bottom = box_of(watched.page, ".noted")
+        button = box_of(watched.page, ".record")  # the eye is there
+        assert 0 <= button[1] - bottom < 20
+        assert left <= button[0] <= button[2] <= right
         assert watched.errors == []
 
 
@@ -1093,11 +1182,6 @@ def test_every_robot_that_the_kernels_know_can_be_chosen_and_drives(browser: Bro
             tab.evaluate(CHOSEN, robot)
             tab.evaluate("drive.clear(); drive.add({ label: 'vfh_plus' }); drive.pump(20000)")
             assert tab.evaluate("drive.runs[0].actor.robot") == robot
-        watched.page.locator(".noted", has_text="saved as wayfield.webm").wait_for()
-        left, _, right, bottom = box_of(watched.page, ".noted")
-        button = box_of(watched.page, ".record")  # the eye is there
-        assert 0 <= button[1] - bottom < 20
-        assert left <= button[0] <= button[2] <= right
             assert tab.evaluate(MOVED) > 0.05
             # it is drawn as large as it is
             assert tab.evaluate("HULLS[replay.robot]") == pytest.approx(ROBOTS[robot].hull_radius)

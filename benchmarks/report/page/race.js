@@ -189,18 +189,24 @@ class Race {
     if (this.sentence && this.sentence.textContent !== told) this.headline(told);
   }
 
-  // How the runs ended among what was put in their way, once all have.
-  verdict() {
+  // Whether the picture shows how all runs ended.
+  get done() {
     const { replay, drive: { runs } } = this;
-    if (!runs.length || !runs.every(({ actor }) => replay.tells(actor) && replay.step >= actor.x.length - 1)) return "";
+    return runs.length > 0 && runs.every(({ actor }) => replay.tells(actor) && replay.step >= actor.x.length - 1);
+  }
+
+  // How the runs ended among what was put in their way.
+  verdict() {
+    const { drive: { runs } } = this;
+    if (!this.done) return "";
     if (runs.length > 2) return `${runs.filter(({ actor }) => actor.outcome === "success").length} of ${runs.length} arrived.`;
     return `${runs.map(({ actor }) => `${actor.label} ${actor.end || OUTCOMES[actor.outcome]}`).join(", ")}.`;
   }
 
-  // Along a path that was drawn: who kept to it best, once all have driven it.
+  // Along a path that was drawn: who kept to it best, where no hand raced them in time.
   closest() {
     const { replay, drive: { runs } } = this;
-    if (replay.world.kind !== "path" || replay.world.name !== "drawn" || runs.length < 2 || !runs.every(({ actor }) => replay.tells(actor))) return "";
+    if (!replay.byError || replay.world.name !== "drawn" || runs.length < 2 || !this.done) return "";
     const there = runs.filter(({ actor }) => actor.outcome === "success").sort((a, b) => a.measures.error - b.measures.error);
     return there.length ? `Closest to your line: ${replay.nameOf(there[0].actor)}, typically ${short(1000 * there[0].measures.error)} mm off. ${there.length} of ${runs.length} arrived.` : "None got to the end of your line.";
   }

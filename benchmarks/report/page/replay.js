@@ -277,7 +277,7 @@ class Replay {
     return Boolean(actor.told) || actor.seen === actor.version || !this.spoils();
   }
 
-  // Whether the picture shows it on its way; one's own run is known.
+  // Whether the picture shows it before its end; one's own run is known.
   underWay(actor) {
     return actor.policy !== KEYBOARD && this.step > 0 && this.step < actor.x.length - 1;
   }
@@ -344,7 +344,7 @@ class Replay {
         on: { change: () => { actor.hidden = !shown.checked; this.refresh(true); } } });
       const ended = this.tells(actor);
       const bad = ended && actor.outcome !== "success";
-      const note = [ended ? `${this.underWay(actor) ? "driving; at the end: " : ""}${actor.end || OUTCOMES[actor.outcome]}` : this.step && this.step >= actor.x.length - 1 && this.waits(actor) ? "being computed" : this.target(actor) || this.failing(actor) || (!actor.outcome && actor.note) || (this.playing || this.step ? "driving" : "at the start"), ended ? actor.note : "", actor.ghost ? "recorded in the scene as it was" : ""].filter(Boolean).join(", ");
+      const note = [ended ? `${this.underWay(actor) ? `${this.step ? "driving" : "at the start"}; at the end: ` : ""}${actor.end || OUTCOMES[actor.outcome]}` : this.step && this.step >= actor.x.length - 1 && this.waits(actor) ? "being computed" : this.target(actor) || this.failing(actor) || (!actor.outcome && actor.note) || (this.playing || this.step ? "driving" : "at the start"), ended ? actor.note : "", actor.ghost ? "recorded in the scene as it was" : ""].filter(Boolean).join(", ");
       return el("li", { "data-chosen": actor === this.chosen ? "yes" : "no" }, shown, swatch(actor.policy),
         button(this.nameOf(actor), () => this.choose(actor), { class: "name", "aria-label": actor.label, "aria-pressed": actor === this.chosen, title: aboutOf(actor.policy) }),
         button("×", () => this.takeOut(actor), { class: "drop-out", "aria-label": `take out ${actor.label}`, title: "take this run out" }),
