@@ -61,12 +61,12 @@ class Drive {
     this.goButton = button("add this one", () => this.go());
     this.allButton = button("watch all", () => this.all());
     this.handButton = free ? null : button("drive it yourself", () => this.race.start()); // elsewhere it stands above the picture
-    this.result = el("p", { class: "note", role: "status" });
+    this.result = el("p", { class: "note result", role: "status" });
     this.cannot = el("p", { class: "note" });
     this.about = el("p", { class: "note about" });
-    this.choice = el("div", { class: "choice" }, who, el("div", { class: "whole" }, this.goButton, this.allButton, this.handButton), this.about);
+    this.choice = el("div", { class: "choice" }, who, el("div", { class: "whole" }, this.goButton, this.allButton, this.handButton));
     this.pad = el("div", { class: "pad", hidden: true, role: "group", "aria-label": "drive by hand" });
-    replay.quick.append(this.choice, this.pad, this.result);
+    replay.quick.append(this.choice, this.pad, this.result, this.about);
     this.named = el("p", { class: "note" });
     this.conditionsPart = el("details", { class: "scenes" }, el("summary", {}, "Robot, motors and keys"),
       el("div", { class: "pick" }, free ? robotLabel : null, tierLabel, disturbanceLabel, fromLabel),

@@ -96,7 +96,7 @@ const LOOKS = {
     const width = (2 * Math.PI) / count;
     for (let k = 0; k < count; k++) {
       const from = k * width - Math.PI;
-      const outer = hull + 0.06 + Math.min(numbers[k], 1.5) * 0.9;
+      const outer = hull + 0.12 + Math.min(numbers[k], 1.5) * 0.9;
       const closed = numbers[count + k] > 0;
       context.beginPath();
       context.arc(x, y, hull + 0.02, from, from + width);
@@ -187,8 +187,8 @@ const LOOKS = {
 
 // The overlay of a trained agent: what its guard or its base makes of what it wanted, or it of what that asks for.
 function guardOf({ guard, base, fill_bodies_scales: scales }) {
-  if (guard) return { kind: "guard", title: "where it wants to go (red, dashed), and what its safety check leaves of that (violet)", numbers: guard };
-  return base && { kind: "guard", title: base.guards ? "where it wants to go (red, dashed), and what ORCA leaves of that (violet)" : "where ORCA alone would go (red, dashed), and where it goes, by what the network adds to that (violet)", numbers: scales };
+  if (guard) return { kind: "guard", title: "what it wants (red, dashed), and what its safety check leaves (violet)", numbers: guard };
+  return base && { kind: "guard", title: base.guards ? "what it wants (red, dashed), and what ORCA leaves (violet)" : "what ORCA alone would do (red, dashed), and with what the network adds (violet)", numbers: scales };
 }
 
 // Beside the picture's own runs, in a memory of its own: what is drawn changes nothing of what is driven.
@@ -311,9 +311,10 @@ class Looks {
     const { replay, replay: { other } } = this;
     const shown = [found, other && this.run(other)].filter(Boolean); // of either pane
     const told = [...new Set(shown.map(({ run, look }) => `${run.actor.label}: ${look.title}`))].join("; ");
-    this.button.hidden = !shown.length; // nor has the hand any that could be drawn
-    this.button.title = told;
+    this.button.disabled = !shown.length; // nor has the hand any that could be drawn
+    this.button.title = told || "of this one nothing can be drawn";
     this.legend.hidden = !(this.on && shown.length);
     this.legend.textContent = `What is drawn: ${told}`;
+    this.legend.classList.toggle("long", told.length > 0.6 * LONG_LINE);
   }
 }

@@ -279,7 +279,7 @@ class Replay {
 
   // Whether the picture shows it before its end; one's own run is known.
   underWay(actor) {
-    return actor.policy !== KEYBOARD && this.step > 0 && this.step < actor.x.length - 1;
+    return actor.policy !== KEYBOARD && this.step < actor.x.length - 1;
   }
 
   // What the list tells of the ends of runs.
@@ -335,8 +335,9 @@ class Replay {
 
   listActors() {
     const order = this.ranked(this.actors);
-    const sorted = !order.some((actor) => this.tells(actor)) ? "" : this.byError ? "Closest to the line comes first." : "The fastest comes first.";
-    this.order.textContent = order.length < 2 ? "" : `${sorted}${this.world.bodies && !this.other ? ` Each robot has its own ${companyOf(this.world)}; the chosen robot's is drawn, and the other robots are pale.` : ""}`;
+    const own = this.world.bodies && !this.other ? ` Each robot has its own ${companyOf(this.world)}; the chosen robot's is drawn, and the other robots are pale.` : "";
+    const sorted = el("span", { class: order.some((actor) => this.tells(actor)) ? "" : "unsaid" }, this.byError ? "Closest to the line comes first." : "The fastest comes first."); // its room is there before
+    this.order.replaceChildren(...(order.length < 2 ? [] : [sorted, own]));
     this.offerPanes();
     const held = this.list.contains(document.activeElement) ? document.activeElement.getAttribute("aria-label") : null;
     this.list.replaceChildren(...order.map((actor) => {
