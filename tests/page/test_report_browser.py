@@ -828,6 +828,11 @@ def test_a_finger_that_stays_down_ends_a_race_on_a_card(
         pad = [box_of(tab, each) for each in ("left", "ahead", "right", "back")]
         assert all(x1 <= left or right <= x0 or y1 <= top or bottom <= y0 for x0, y0, x1, y1 in pad)
         assert all(inside(each, (0, 0, width, height)) for each in [*pad, picture])
+        # before the clock starts all that there is to drive around is seen
+        beyond = """(({ world, view: { centre, width, height, pixels } }) => [...world.obstacles, world.goal].filter(
+          ([x, y]) => Math.abs(x - centre[0]) * pixels > width / 2 || Math.abs(y - centre[1]) * pixels > height / 2
+        ).length)(replay)"""
+        assert tab.evaluate(beyond) == 0
         tab.evaluate("() => { replay.world.obstacles = []; replay.pace(8); drive.begin(drive.hand, true); }")
         fingers = Fingers(watched)
         left, top, *_ = box_of(tab, held)

@@ -458,7 +458,8 @@ class Replay {
     }
     if (this.leads && chosen) {
       const k = Math.min(step, chosen.x.length - 1);
-      view.lead([chosen.x[k], chosen.y[k]], world.goal);
+      if (this.poised()) [view.zoom, view.middle] = [1, null]; // until the clock starts all of it is seen, its doors too
+      else view.lead([chosen.x[k], chosen.y[k]], world.goal);
     }
     const shown = this.actors.filter((actor) => !actor.hidden);
     this.fitButton.hidden = !view.middle || this.follows || this.leads;
