@@ -282,9 +282,9 @@ class Replay {
     return actor.policy !== KEYBOARD && this.step < actor.x.length - 1;
   }
 
-  // What the list tells of the ends of runs.
+  // What the list tells of the moment and of the ends of runs.
   get endings() {
-    return this.actors.map((actor) => (this.tells(actor) ? (this.underWay(actor) ? 1 : 2) : 0)).join();
+    return [this.step > 0, ...this.actors].map((actor) => (this.tells(actor) ? (this.underWay(actor) ? 1 : 2) : 0)).join();
   }
 
   // What runs are compared by, here, on a card and for medals: along a path by their error, as in the tables, a race by hand by time as all else.
@@ -335,9 +335,9 @@ class Replay {
 
   listActors() {
     const order = this.ranked(this.actors);
-    const own = this.world.bodies && !this.other ? ` Each robot has its own ${companyOf(this.world)}; the chosen robot's is drawn, and the other robots are pale.` : "";
+    const own = this.world.bodies && !this.other ? `Each robot has its own ${companyOf(this.world)}; the chosen robot's is drawn, and the other robots are pale. ` : "";
     const sorted = el("span", { class: order.some((actor) => this.tells(actor)) ? "" : "unsaid" }, this.byError ? "Closest to the line comes first." : "The fastest comes first."); // its room is there before
-    this.order.replaceChildren(...(order.length < 2 ? [] : [sorted, own]));
+    this.order.replaceChildren(...(order.length < 2 ? [] : [own, sorted]));
     this.offerPanes();
     const held = this.list.contains(document.activeElement) ? document.activeElement.getAttribute("aria-label") : null;
     this.list.replaceChildren(...order.map((actor) => {
@@ -345,7 +345,7 @@ class Replay {
         on: { change: () => { actor.hidden = !shown.checked; this.refresh(true); } } });
       const ended = this.tells(actor);
       const bad = ended && actor.outcome !== "success";
-      const note = [ended ? `${this.underWay(actor) ? `${this.step ? "driving" : "at the start"}; at the end: ` : ""}${actor.end || OUTCOMES[actor.outcome]}` : this.step && this.step >= actor.x.length - 1 && this.waits(actor) ? "being computed" : this.target(actor) || this.failing(actor) || (!actor.outcome && actor.note) || (this.playing || this.step ? "driving" : "at the start"), ended ? actor.note : "", actor.ghost ? "recorded in the scene as it was" : ""].filter(Boolean).join(", ");
+      const note = [ended ? `${this.underWay(actor) ? `${this.step ? "driving; " : ""}at the end: ` : ""}${actor.end || OUTCOMES[actor.outcome]}` : this.step && this.step >= actor.x.length - 1 && this.waits(actor) ? "being computed" : this.target(actor) || this.failing(actor) || (!actor.outcome && actor.note) || (this.playing || this.step ? "driving" : "at the start"), ended ? actor.note : "", actor.ghost ? "recorded in the scene as it was" : ""].filter(Boolean).join(", ");
       return el("li", { "data-chosen": actor === this.chosen ? "yes" : "no" }, shown, swatch(actor.policy),
         button(this.nameOf(actor), () => this.choose(actor), { class: "name", "aria-label": actor.label, "aria-pressed": actor === this.chosen, title: aboutOf(actor.policy) }),
         button("×", () => this.takeOut(actor), { class: "drop-out", "aria-label": `take out ${actor.label}`, title: "take this run out" }),
