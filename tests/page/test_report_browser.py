@@ -765,6 +765,7 @@ def test_a_best_time_is_shown_and_an_easier_run_is_marked_and_is_none(browser: B
         tab.evaluate("ready")
         for page_of, who in ((other, "A friend"), (tab, "You")):
             assert page_of.locator(".card").inner_text().startswith(who)
+            assert page_of.get_by_role("button", name=f"Race your {'last run' if who == 'You' else 'friend'}").count()
             assert "half speed" in page_of.locator(".card").inner_text()
         tab.get_by_role("link", name="demo").click()  # the title leads back
         assert tab.locator(".card").is_hidden()

@@ -394,7 +394,7 @@ class Race {
   // One's own run beside that of a friend, in a sentence.
   beside(mine, friend) {
     const arrived = [mine, friend].map(({ outcome }) => outcome === "success");
-    const who = friend.own ? "run before" : "friend";
+    const who = friend.own ? "last run" : "friend";
     const [gap, last] = [friend.x.length - mine.x.length, friend.x.length - 1].map((steps) => `${Math.abs(steps * DT).toFixed(2)}\u00a0s`);
     if (!friend.outcome) return `Your ${who} is still on its way.`;
     if (!arrived[1]) return `Your ${who} did not arrive${arrived[0] ? ": you win" : " either"}.`;
@@ -425,8 +425,9 @@ class Race {
     this.drive.replay.choose(run.actor);
     while (run.pending) this.drive.pump(1); // who is looked at goes first
     const [eased, { own }] = [easedBy(run), this.replay.world];
+    const who = run.actor.own ? "last run" : "friend";
     this.say(this.ended(run, `${run.actor.own ? "You" : "A friend"} ${(ENDED[run.actor.outcome] || "drove for").toLowerCase()}`), eased ? el("p", {}, `driven ${eased}`) : null, own ? el("p", {}, `with ${things(own)} placed in the way`) : null, el("p", {}, ["success", ""].includes(run.actor.outcome) ? "Can you do better?" : "Can you arrive?"),
-      el("div", { class: "files" }, button(coarse() ? "Race your friend" : "Race your friend (R)", () => this.again(), { class: "go" }), button("watch first", () => {
+      el("div", { class: "files" }, button(`Race your ${who}${coarse() ? "" : " (R)"}`, () => this.again(), { class: "go" }), button("watch first", () => {
         this.close();
         this.watched = run;
         this.replay.toggle(true);
