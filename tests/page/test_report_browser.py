@@ -546,7 +546,7 @@ def test_what_is_said_of_the_end_of_runs_goes_with_it_and_is_what_they_are_sorte
         watched.until(f"replay.world.kind === 'path' && {DRIVEN}")
         tab.evaluate("replay.toggle(false); replay.seek(replay.last)")
         assert "Closest to your line" in hint.inner_text()
-        assert caption.inner_text() == "Closest to the line comes first."
+        assert caption.inner_text() == "The closest to the line comes first."
         tab.evaluate("replay.seek(1)")
         assert "Closest to your line" not in hint.inner_text()
         by_hand(tab)
@@ -572,7 +572,7 @@ def test_a_line_of_text_that_comes_or_goes_moves_nothing(
         tab.evaluate("replay.split(replay.actors[0]); drive.pump(20000); replay.toggle(false)")
         tops = "[replay.canvas, replay.bar, drive.choice, replay.list, replay.scenario].map((each) => each.offsetTop)"
         before = tab.evaluate(tops)
-        assert tab.locator(".side > .note").inner_text() == ""
+        assert tab.locator(".side > .note").inner_text() == "At the end the fastest comes first."
         tab.evaluate("replay.seek(replay.last)")
         assert tab.locator(".side > .note").inner_text() == "The fastest comes first."
         assert tab.evaluate(tops) == before

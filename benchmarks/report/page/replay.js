@@ -335,9 +335,9 @@ class Replay {
 
   listActors() {
     const order = this.ranked(this.actors);
-    const own = this.world.bodies && !this.other ? `Each robot has its own ${companyOf(this.world)}; the chosen robot's is drawn, and the other robots are pale. ` : "";
-    const sorted = el("span", { class: order.some((actor) => this.tells(actor)) ? "" : "unsaid" }, this.byError ? "Closest to the line comes first." : "The fastest comes first."); // its room is there before
-    this.order.replaceChildren(...(order.length < 2 ? [] : [own, sorted]));
+    const own = this.world.bodies && !this.other ? [el("br"), `Each robot has its own ${companyOf(this.world)}; the chosen robot's is drawn, and the other robots are pale.`] : [];
+    const sorted = `${order.some((actor) => this.tells(actor)) ? "The" : "At the end the"} ${this.byError ? "closest to the line" : "fastest"} comes first.`;
+    this.order.replaceChildren(...(order.length < 2 ? [] : [sorted, ...own]));
     this.offerPanes();
     const held = this.list.contains(document.activeElement) ? document.activeElement.getAttribute("aria-label") : null;
     this.list.replaceChildren(...order.map((actor) => {
