@@ -540,6 +540,9 @@ def test_what_is_said_of_the_end_of_runs_goes_with_it_and_is_what_they_are_sorte
             tab.evaluate("replay.seek(0)")
             assert "arrived" not in hint.inner_text()
         assert caption.inner_text() == "The fastest comes first."
+        tab.evaluate("replay.seek(replay.last)")
+        tab.get_by_role("button", name="move", exact=True).click()  # what one does next is told instead
+        assert "Drag things" in hint.inner_text()
         tab.get_by_role("button", name="Draw a path").click()
         cx, cy = tab.evaluate("replay.view.centre")
         drag(tab, [[cx - 1, cy], [cx, cy + 0.3], [cx + 1, cy]])

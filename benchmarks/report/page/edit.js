@@ -127,6 +127,7 @@ class Editor {
     const { canvas, hint } = this.replay;
     canvas.classList.toggle("held", tool !== null); // a finger that edits does not scroll
     canvas.classList.toggle("draws", tool !== null && tool !== "move");
+    this.drive.race.told = ""; // what was said of the end of runs
     this.tell(first + HINTS[tool]);
     if (keys && tool !== null) {
       this.cross = [...this.replay.view.centre];
