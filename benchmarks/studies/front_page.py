@@ -314,7 +314,7 @@ def _count(shown_panels: Sequence[Panel]) -> str:
     alike = outcomes.count(EQUIVALENT)
     ties = len(outcomes) - len(won) - len(lost) - alike
     quick = [f"{match.where} the {match.sooner} is faster" for match in matches if match.sooner]
-    noted = f" ({'; '.join(quick)})" if quick else ""
+    noted = f"; time does not count there ({'; '.join(quick)})" if quick else ""
     which = [
         f"{camp} win {_listed(each).replace(', on ', ', ')}. "
         for camp, each in (("Controllers", won), ("Agents", lost))
@@ -323,8 +323,8 @@ def _count(shown_panels: Sequence[Panel]) -> str:
     return (
         f"**Controllers win {wins} of {len(outcomes)} kinds of scenes, agents {losses}.** "
         + "".join(which)
-        + f"In {ties}, neither is significantly better in success or error after multiple-test correction{noted}"
-        f". In {alike}, they are equivalent."
+        + f"In {alike}, they are equivalent (within 1 point or 5 %). In {ties}, neither is significantly better in "
+        f"success or error after multiple-test correction{noted}."
     )
 
 

@@ -144,7 +144,7 @@ def generated() -> dict[str, list[str]]:
     header += ["mass (kg), inertia (kg m²), friction", "scan"]
     note = (
         "Hull radius: that of the enclosing disc. Top speeds are at rated wheel speed, each axis alone. Where the "
-        "column scan is empty, `gymnasium.make` uses its default: 32 beams, 5 m, full circle. Documents B and C are "
+        "column `scan` is empty, `gymnasium.make` uses its default: 32 beams, 5 m, full circle. Documents B and C are "
         f"reference papers; [sources]({SOURCES}#sources) says where each number comes from."
     )
     table = Table("Included robots", header, [_row(robot) for robot in ROBOTS.values()], note).markdown()
