@@ -135,6 +135,8 @@ def _driven(
         _, ended, info = drive.step()
         step += 1
         history[step] = env.batch.states
+        if not ended.any():
+            continue
         for i in np.flatnonzero(ended).tolist():
             flags[i] = {name: bool(info[name][i]) for name in env.task.flag_names}
             lengths[i] = step + 1

@@ -233,7 +233,7 @@ class Agent(Gains):
         """Returns how the agent sees under a briefing."""
         based = self.base is not None
         features = features_for(self.features, briefing, self.speed)
-        return Perception(features, self.actions.of(features), len(briefing.robot.twist_axes), briefing.dt, based)
+        return _perception(features, self.actions.of(features), len(briefing.robot.twist_axes), briefing.dt, based)
 
     def trained_with(self, robot: Robot) -> bool:
         """Returns whether the agent was trained with a robot as it is: it then needs no prediction of delays."""
@@ -358,6 +358,7 @@ class Agent(Gains):
         return twists
 
 
+_perception = functools.lru_cache(maxsize=64)(Perception)  # asked for with every decision
 SHIELD = Shield()  # behind an agent that drives what it was not trained on
 _WARNED: set[str] = set()  # of what this process has warned
 

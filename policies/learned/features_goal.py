@@ -156,7 +156,7 @@ class GoalFeatures(Gains):
             return twists
         most = min(actuators.yaw_acceleration, 3.0)
         nears = np.broadcast_to(rest_radius(ARRIVED, tolerances[0]), len(twists))
-        for near in np.unique(nears):
+        for near in set(nears.tolist()):
             rows = np.flatnonzero(nears == near)
             scales = np.array([self.arrival, min(speed, 0.3), 1.5, near, 2.0, 0.5 * most, 1.5])
             goals, errors, left, ended = (
