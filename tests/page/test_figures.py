@@ -16,7 +16,7 @@ from oracles.drawn_tables import rows_of
 
 from wayfield.benchmarks.contests import CONTESTS
 from wayfield.benchmarks.figures import contest_figures, document_figures
-from wayfield.benchmarks.figures.drawing import PALETTE, colour, look
+from wayfield.benchmarks.figures.drawing import PALETTE, colour, floor_plan, look, saved, subplots
 from wayfield.benchmarks.records.episode import Episodes
 from wayfield.benchmarks.records.results import write_trajectories
 from wayfield.benchmarks.records.trajectory import Trajectory
@@ -173,3 +173,22 @@ def test_colours_stay_apart_for_colour_blind_readers() -> None:
             lab = np.column_stack([116 * f[:, 1], 500 * (f[:, 0] - f[:, 1]), 200 * (f[:, 1] - f[:, 2])])
             apart = np.linalg.norm(lab[:, None] - lab, axis=2)
             assert apart[np.triu_indices(size, 1)].min() > bound
+
+
+def test_a_title_does_not_cover_what_is_added_to_the_numbers_of_its_axis(tmp_path: Path) -> None:
+    made: list[Any] = []
+
+    def far_away() -> Any:
+        figure, axis = subplots(figsize=(4.0, 3.0), layout="constrained")
+        axis.plot([0.0, 1.0], [4.5e6, 4.5e6 + 1.0])
+        floor_plan(axis, "a title that begins above the numbers of the axis")
+        made.append(figure)
+        return figure
+
+    saved(far_away, tmp_path / "far")
+    made[-1].dpi = 130  # of the .png, which was drawn last
+    axis = made[-1].axes[0]
+    added = axis.yaxis.get_offset_text()
+    assert added.get_text()
+    title = next(each for each in axis.get_children() if getattr(each, "get_text", str)().startswith("a title"))
+    assert title.get_window_extent().y0 >= added.get_window_extent().y1 - 0.5
