@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
 from wayfield.envs.single import SingleEnv
@@ -13,7 +14,7 @@ from wayfield.envs.tasks.specs import CROWDS
 from wayfield.envs.vector import NativeVectorEnv
 from wayfield.policies.parts.forward_prediction import ForwardPrediction, undelayed
 from wayfield.policies.parts.policy import Policy, check_robot, lacks
-from wayfield.system.checks import MOST_THREADS, whole
+from wayfield.system.checks import MOST_THREADS, shown, whole
 from wayfield.system.threads import bounds, thread_pool
 
 Array = NDArray[np.float64]
@@ -37,12 +38,16 @@ class Pilot:
     """
 
     def __init__(self, policy: Policy, env: Any, num_threads: int = 1) -> None:
-        given = env if isinstance(env, Briefing) else env.unwrapped
+        given = env if isinstance(env, Briefing) else getattr(env, "unwrapped", env)
         if not isinstance(given, SingleEnv | NativeVectorEnv | Briefing):
             raise TypeError(
                 "Pilot drives environments of wayfield, single or native vector, or by a Briefing, not "
-                f"{type(given).__name__}"
+                f"{type(given).__name__}: Pilot(policy, env)"
             )
+        if not hasattr(policy, "observes"):
+            raise TypeError(f"policy is {shown(policy)}; it must be a policy, such as wayfield.policies.make('lqr')")
+        if env is not given:
+            _check_unchanged(env, given)
         base: Any = given
         plain = isinstance(given, Briefing)
         layout, robot = (base.layout, base.robot) if plain else (base.task.layout, base.task.robot)
@@ -173,6 +178,8 @@ class Pilot:
                 "observation, info = env.reset(); after that the first that env.step(action) returns"
             )
         observation = np.atleast_2d(observation)
+        if observation.shape != (seen := (len(self.memory), self.briefing.layout.size)):
+            raise ValueError(f"observation has the shape {observation.shape}; that of {seen[0]} robot(s) is {seen}")
         if self._ahead is not None:
             observation = self._ahead.observed(observation)
         twists = self._decided(observation)
@@ -237,6 +244,20 @@ class Pilot:
         team = self.briefing.team  # the robots of a world stay together
         parts = [(a - a % team, b - b % team) for a, b in bounds(self.briefing.num_envs, self._threads)]
         return [(first, last, self.briefing.part(slice(first, last))) for first, last in parts if first < last]
+
+
+def _check_unchanged(env: Any, given: Any) -> None:
+    """Raises ValueError if wrappers change what is seen, or scale what is commanded, which a policy would not know."""
+    for name in ("observation_space", "action_space"):
+        own, other = getattr(given, name), getattr(env, name, None)
+        within = isinstance(other, Box) and other.shape == own.shape
+        # a wrapper that clips has no bounds
+        unbounded = within and name == "action_space" and not (other.bounded_below | other.bounded_above).any()
+        if not (unbounded or (within and np.array_equal(other.low, own.low) and np.array_equal(other.high, own.high))):
+            raise ValueError(
+                f"a wrapper changes the {name} to {shown(other)}, which policies do not know: drive env.unwrapped, by "
+                "what it gives and takes"
+            )
 
 
 def _contained(actions: Array, most: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -14,6 +14,7 @@ from typing import Any, ClassVar
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium import wrappers
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -256,6 +257,26 @@ def test_rows_are_reset_one_by_one(name: str) -> None:
         assert pilot.memory[[0, 2]].tobytes() == fresh[[0, 2]].tobytes()
 
 
+@pytest.mark.parametrize(
+    ("wrap", "changes"),
+    [
+        (lambda env: wrappers.RescaleAction(env, -1.0, 1.0), "action_space"),
+        (wrappers.NormalizeObservation, "observation_space"),
+        (lambda env: wrappers.FrameStackObservation(env, 3), "observation_space"),
+        (wrappers.TimeAwareObservation, "observation_space"),
+        (wrappers.ClipAction, ""),
+        (wrappers.FlattenObservation, ""),
+        (wrappers.RecordEpisodeStatistics, ""),
+    ],
+)
+def test_a_wrapper_that_changes_what_is_seen_or_commanded_is_refused_and_others_are_not(
+    wrap: Any, changes: str
+) -> None:
+    env = wrap(gymnasium.make(PATH_ID))
+    with pytest.raises(ValueError, match=f"a wrapper changes the {changes}") if changes else nullcontext():
+        Pilot(policies.make("lqr"), env)
+
+
 FOR_ANOTHER_TASK = [("lookahead_documented", GOAL_ID), ("waypoint", PATH_ID), ("apf_corrected", PATH_ID)]
 
 
@@ -453,6 +474,10 @@ def test_what_newcomers_write_is_answered_by_what_to_write(tmp_path: Path, monke
         (lambda: gains_of("pure_pursuit"), r"make\('pure_pursuit'\)"),
         (lambda: Pilot(policies.make("dwa"), env), "policies that fit: .*pure_pursuit, .*mpc"),
         (lambda: pilot.act(begun), r"observation, info = env\.reset\(\)"),
+        (lambda: pilot.act(begun[0][:-1]), r"has the shape \(1, 27\); that of 1 robot\(s\) is \(1, 28\)"),
+        (lambda: Pilot("pure_pursuit", env), "policy is 'pure_pursuit'; .*make"),  # type: ignore[arg-type]
+        (lambda: Pilot(env, policies.make("lqr")), r"not Lqr: Pilot\(policy, env\)"),  # type: ignore[arg-type]
+        (lambda: Pilot(policies.make("lqr"), path), r"not str: Pilot\(policy, env\)"),
         (lambda: gymnasium.make(path, scenario="doors_wide/test"), f"belongs to {goal}, "),
         (lambda: gymnasium.make(goal, scenario="circles"), f"belongs to {path}, "),
         (lambda: gymnasium.make(path, scenario="no.csv"), f"there is no file {re.escape(str(tmp_path / 'no.csv'))}$"),
