@@ -23,6 +23,7 @@ from wayfield.system.objects import FileNote
 Array = NDArray[np.float32]
 FPS = round(1.0 / CONTROL_PERIOD)
 _LEAST_SIDE, _MOST_SIDE = 32, 4096  # px
+_KEPT = {"render_mode", "frame_size", "constraints"}  # arguments that are attributes, too
 
 
 class SingleEnv(gymnasium.Env[Any, Any]):
@@ -41,12 +42,23 @@ class SingleEnv(gymnasium.Env[Any, Any]):
     arguments: ClassVar[type[Arguments]]
     asks: ClassVar[type[Task]]
     robots: ClassVar[tuple[str, ...]]  # the first is the default
+    _read: ClassVar[set[str]] = set()  # names of arguments that are no attributes
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         """Gives a class the signature of its arguments, which editors show; one with its own `__init__` keeps that."""
         super().__init_subclass__(**kwargs)
         own = cls.__init__ is SingleEnv.__init__ and hasattr(cls, "arguments")
         cls.__signature__ = inspect.signature(cls.arguments) if own else None  # type: ignore[attr-defined]
+        cls._read = set(inspect.signature(cls.arguments).parameters) - _KEPT if own else set()
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Refuses the names of arguments, which were read when it was made: episodes would go on as before."""
+        if name in self._read:
+            raise AttributeError(
+                f"{name} is read when the environment is made: gymnasium.make(id, {name}=...); "
+                'reset(options={"scenario": k}) chooses among the scenarios that it has'
+            )
+        super().__setattr__(name, value)
 
     def __init__(self, **named: Any) -> None:
         arguments = self.arguments(**named)

@@ -40,6 +40,19 @@ def test_a_seed_is_for_reset() -> None:
             made(IDS[0], seed=3)
 
 
+@pytest.mark.parametrize("env_id", IDS)
+def test_an_argument_that_is_set_afterwards_is_refused_and_any_other_attribute_is_not(env_id: str) -> None:
+    env = gymnasium.make(env_id, disable_env_checker=True)
+    for name in ("scenario", "robot", "actuators", "disturbance", "dynamics", "noise"):
+        with pytest.raises(AttributeError, match=rf"^{name} is read when .*make\(id, {name}=\.\.\.\)"):
+            setattr(env.unwrapped, name, "x")
+    env.unwrapped.level = 3
+    env.unwrapped.render_mode = "rgb_array"
+    env.reset(seed=0)
+    assert env.get_wrapper_attr("level") == 3
+    assert env.render().ndim == 3
+
+
 def test_a_wrong_keyword_of_a_batch_is_answered_with_those_of_batches_too() -> None:
     with pytest.raises(TypeError, match="Did you mean 'num_threads'"):
         gymnasium.make_vec(IDS[0], 2, vectorization_mode="vector_entry_point", num_thread=2)
