@@ -249,7 +249,8 @@ class Pilot:
 def _check_unchanged(env: Any, given: Any) -> None:
     """Raises ValueError if wrappers change what is seen, or scale what is commanded, which a policy would not know."""
     for name in ("observation_space", "action_space"):
-        own, other = getattr(given, name), getattr(env, name, None)
+        own: Any = getattr(given, name)
+        other: Any = getattr(env, name, None)
         within = isinstance(other, Box) and other.shape == own.shape
         # a wrapper that clips has no bounds
         unbounded = within and name == "action_space" and not (other.bounded_below | other.bounded_above).any()
