@@ -807,6 +807,8 @@ def preset_for(env_id: str, name: str | None) -> Preset:
     ids = preset_ids()
     if env_id not in ids:
         near = suggestion(env_id, ids)
+        if env_id in PRESETS:
+            near = f" It is one of {PRESETS[env_id].worlds.env_ids[0]}, which takes --preset {env_id}."
         raise ValueError(f"environment {shown(env_id)} has no preset.{near} Choose from {', '.join(ids)}.")
     fitting = [preset for preset in PRESETS.values() if env_id in preset.worlds.env_ids]
     if name is None:

@@ -132,11 +132,16 @@ def check_folder(job: Job) -> None:
         return
     if not job.resume:
         raise ValueError(f"{job.folder} holds a run; continue it with --resume or choose another --out")
-    for key, value in job.described().items():
-        if there.get(key) != value:
+    for key, asked in job.described().items():
+        had = there.get(key)
+        if had != asked:
+            if isinstance(had, list) and isinstance(asked, list) and sorted(map(str, had)) != sorted(asked):
+                had, asked = (
+                    [each for each in one if each not in other] for one, other in ((had, asked), (asked, had))
+                )
             raise ValueError(
-                f"{job.folder} holds a run with {key} {shown(there.get(key))}, not {shown(value)}; it cannot be "
-                "resumed so"
+                f"{job.folder} holds a run with {key} {shown(had)}, not {shown(asked)}; it cannot be resumed so: give "
+                "the words that it began with, or another --out"
             )
 
 
