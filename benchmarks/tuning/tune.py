@@ -733,6 +733,7 @@ def main(
     also, study = options["also"], options["study"]
     options |= {"started_from": tuple(map(_start, options["started_from"])), "study": study or ""}
     search = Search(policy, contest, robot, speed, level, **options)
+    _check_starts(search)
     if level in also or len(set(also)) < len(also):
         raise click.UsageError(f"--also {also[-1]} names a level twice; {level} is driven in any case")
     search = dataclasses.replace(search, given=given_ranges(search, wider))
@@ -780,6 +781,15 @@ def _start(text: str) -> dict[str, float]:
         return {str(name): float(value) for name, value in dict(json.loads(text)).items()}
     except (ValueError, TypeError):
         raise click.UsageError(f"--from must be a JSON object of numbers, got {text!r}") from None
+
+
+def _check_starts(search: Search) -> None:
+    """Refuses a set to begin with that names what is no gain of the policy, or is no value of it."""
+    for gains in search.started_from:
+        try:
+            wayfield.policies.make(search.policy, **gains)
+        except (ValueError, TypeError) as error:
+            raise click.UsageError(f"--from {json.dumps(dict(gains))!r}: {error}") from None
 
 
 def given_ranges(search: Search, texts: Sequence[str]) -> dict[str, Range]:

@@ -175,7 +175,10 @@ def test_the_ladder_runs_every_level_of_every_task(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("--suite", "goal-obstacles", "--families", "circles"), "'circles' has no scenarios for suite"),
+        (
+            ("--suite", "goal-obstacles", "--families", "circles"),
+            "suite 'goal-obstacles'; choose from open_fields, ",
+        ),
         (("--suite", "goal-obstacles", "--families", "rooms,push_boxes"), "use --dynamics pymunk"),
         (("--suite", "goal-obstacles", "--policies", "dwa,mppi", "--gains", "paper"), "'mppi' has no case"),
         (
@@ -288,6 +291,8 @@ def test_the_value_of_a_score_never_turns_its_order_round(drawn: list[tuple[int,
     [
         (["pure_pursit", "--suite", "path-following"], "Did you mean 'pure_pursuit'?"),
         (["dwa", "--suite", "goal-obstacles", "--trials", "0"], "trials"),
+        (["lqr", "--suite", "path-following", "--from", '{"roundin": 0.1}'], "Lqr has no gain 'roundin'"),
+        (["lqr", "--suite", "path-following", "--from", '{"rounding": -1.0}'], "Lqr: rounding must be"),
     ],
 )
 def test_tuning_refuses_what_it_cannot_do(arguments: list[str], message: str) -> None:
