@@ -355,7 +355,8 @@ class Options:
         for family in self.families or ():
             where = [contest for contest in contests if family in contest.spec.families]
             if not where:
-                raise WrongOption(f"families {family!r} has no scenarios for suite {self.suite!r}")
+                there = ", ".join(dict.fromkeys(each for contest in contests for each in contest.spec.families))
+                raise WrongOption(f"families {family!r} has no scenarios for suite {self.suite!r}; choose from {there}")
             if not any(family in contest.families(plant, (family,)) for contest in where for plant in self.plants):
                 team, most = where[0].spec.families[family].team, LARGEST_TEAMS.get(self.plants[0], 1)
                 if team > most:

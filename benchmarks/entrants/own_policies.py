@@ -35,6 +35,7 @@ from wayfield.benchmarks.records.run_folder import file_digest
 from wayfield.envs import goal_reaching, path_following
 from wayfield.envs.tasks.briefing import KNOWS, Briefing
 from wayfield.policies.parts.policy import Policy
+from wayfield.policies.registry import POLICIES
 from wayfield.system.checks import shown, suggestion, unread
 from wayfield.system.extras import installs
 from wayfield.system.readers import reader
@@ -231,6 +232,12 @@ def own_policy(text: str) -> OwnClass | OwnModel:
         stem = Path(module).stem
         raise ValueError(
             f"{source!r} is a file; name its module, found from this folder: {stem}:{attribute or 'Class'}"
+        )
+    if source in POLICIES:
+        kind = type(POLICIES[source]())
+        raise ValueError(
+            f"{source!r} is a policy of the package: --policies {source}; with gains of your own it is --policy "
+            f'"{kind.__module__}:{kind.__qualname__} {" ".join(f"{k}={v}" for k, v in gains.items()) or "gain=value"}"'
         )
     if not colon or not all(each.isidentifier() for each in (*module.split("."), attribute)):
         raise ValueError(

@@ -150,6 +150,8 @@ def test_a_twist_that_is_not_finite_is_refused_wherever_it_stands(wrong: float, 
         ("laws_of_mine:Narrow", "must return twists (2, 2) for p3dx, got shape (2,)"),
         ("laws_of_mine:Broken", "act raises AttributeError"),
         ("model.zip", "'model.zip' cannot be read"),
+        ("lqr", "'lqr' is a policy of the package: --policies lqr; "),
+        ("lqr q_e=3", '--policy "wayfield.policies.paths.lqr:Lqr q_e=3"'),
         ("ppoo:laws.zip", "choose from PPO, A2C, SAC"),
     ],
 )
