@@ -222,6 +222,8 @@ def main(out: Path | None) -> None:
 
     The page is one file of 3 MB that needs no network.
     """
+    if out is not None and out.suffix.lower() not in (".html", ".htm"):
+        raise click.UsageError(f"--out {str(out)!r} must end in .html")
     text = page()
     file = out or Path(tempfile.mkdtemp(prefix="wayfield-")) / "demo.html"
     write_whole(file, text.encode())
