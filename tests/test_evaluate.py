@@ -245,6 +245,19 @@ def test_a_reference_of_ones_own(tmp_path):
 
 
 @pytest.mark.usefixtures("undrawn")
+def test_several_runs_of_a_path_of_ones_own_are_told_as_runs_and_not_as_policies(tmp_path):
+    (tmp_path / "mine.json").write_text('{"path": [[0, 0], [3, 0]], "start_offset": 0.1}')
+    words = ["--path", tmp_path / "mine.json", "--policies", "lqr,zero", "--dynamics", "both"]
+    result = evaluate(*words, "--episodes", 3, "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    sentence, table = ranked(read_rows(tmp_path / "out"))
+    assert sentence.startswith("mine: 2 policies, one scenario, ")
+    assert sentence.endswith(" 3 runs each, the best run counts.")
+    named = sorted(line[0] for line in table.rows)
+    assert named == sorted(f"{policy}, seed {k}" for policy in ("lqr", "zero") for k in range(3) for _ in range(2))
+
+
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.skipif(os.name != "posix", reason="names are no bytes there")
 def test_a_name_that_is_no_text_is_shown_as_it_can(goal, tmp_path):
     odd = tmp_path / os.fsdecode(b"g\xf6l.json")

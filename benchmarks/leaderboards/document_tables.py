@@ -199,9 +199,11 @@ def ranked(rows: Episodes) -> tuple[str, Table]:
 
     order = sorted(rows, key=lambda row: (row["success"] != 1.0, cost(row)))
     observes = OF_KIND[rows[0]["contest"]].spec.observes
+    count, plants = len({(row["policy"], row["gains"]) for row in rows}), len(rows.unique("dynamics"))
+    runs = len(rows) // plants // count
     lines = [
         [
-            row["policy"],
+            row["policy"] + (f", seed {row['seed']}" if runs > 1 else ""),
             row["dynamics"],
             _ending(row),
             f"{cost(row):.{decimals}f}",
@@ -210,14 +212,14 @@ def ranked(rows: Episodes) -> tuple[str, Table]:
         ]
         for row in order
     ]
-    first, plants = order[0], len(rows.unique("dynamics"))
+    first = order[0]
     won = f"{first['policy']} does best: {name.split(' (')[0]} {cost(first):.{decimals}f} {name.split('(')[1][:-1]}"
     if first["success"] != 1.0:
         won = "No policy succeeds"
-    count = len(rows) // plants
     policies = f"{count} {'policy' if count == 1 else 'policies'}"
     met = f"{rows[0]['family']}: {policies}, one scenario, {rows[0]['actuators']} actuators."
-    sentence = f"{met} {won}; one run each, so without an interval."
+    each = "one run each, so without an interval" if runs == 1 else f"{runs} runs each, the best run counts"
+    sentence = f"{met} {won}; {each}."
     header = ["policy", "plant", "outcome", name, "speed (m/s)", "inputs"]
     return sentence, Table(str(rows[0]["family"]), header, lines, "")
 
