@@ -24,6 +24,9 @@ def robot(robot: Robot, model: str | None, picture: str | None, wheels: str | No
     """Writes a model of ROBOT, by name or data sheet, for other programs."""
     if model is None and picture is None:
         raise click.UsageError("nothing to write: give --mjcf FILE or --picture FILE")
+    for option, file, ending in (("--mjcf", model, ".xml"), ("--picture", picture, ".png")):
+        if file is not None and not file.lower().endswith(ending):
+            raise click.UsageError(f"{option} {file!r} must end in {ending}")
     try:
         text = mjcf(robot, wheels)
         if picture is not None:

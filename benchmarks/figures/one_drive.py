@@ -133,6 +133,8 @@ def _setting(text: str) -> tuple[str, Any]:
     del source
     if len(gains) != 1:
         raise ValueError(f"--set {text!r} must be one {_SETTING}")
+    if "render_mode" in gains:
+        raise ValueError("--set render_mode is not needed: frames are drawn in any case")
     return next(iter(gains.items()))
 
 

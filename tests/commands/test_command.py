@@ -25,6 +25,7 @@ from PIL import Image
 import wayfield
 from wayfield import command, starting
 from wayfield.benchmarks.commands import evaluate, lists, play
+from wayfield.benchmarks.commands.robot import robot
 from wayfield.benchmarks.figures import video
 from wayfield.benchmarks.figures.one_drive import Place
 from wayfield.envs.robots import ROBOTS
@@ -286,6 +287,7 @@ print(most[1] - most[0])
         (["--policy", "pure_persuit", "--out", "a.png"], "Did you mean 'pure_pursuit'?"),
         (["--policy", "pure_pursuit", "--out", "a.avi"], "must end in .mp4, .gif, .png"),
         (["DiffDriveGoalObstacles-v0", "--policy", "stanley", "--out", "a.png"], "Stanley reads"),
+        (["--policy", "lqr", "--set", "render_mode=human", "--out", "a.png"], "--set render_mode is not needed"),
         (["--policy", "stanley", "--scenario", "s_curve", "--index", "7", "--out", "a.png"], "from 0 to 0"),
         (["--policy", "waypoint", "--robot", "p3dx", "--out", "a.png"], "goes sideways"),
     ],
@@ -299,6 +301,15 @@ def test_wrong_words_are_one_line(
     assert message in shown.stderr
     assert shown.stderr.count("\n") == 1
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("option", ["--mjcf", "--picture"])
+def test_a_model_is_not_written_over_what_is_none(option: str, tmp_path: Path) -> None:
+    (tmp_path / "mine.json").write_text("{}")
+    shown = CliRunner().invoke(robot, ["p3dx", option, str(tmp_path / "mine.json")])
+    assert shown.exit_code == 2
+    assert "must end in ." in shown.stderr
+    assert (tmp_path / "mine.json").read_text() == "{}"
 
 
 # The game.
