@@ -44,6 +44,7 @@ _FARTHEST = 10_000  # m, of a person from the origin
 _LARGEST = 2**53  # of frames and ids: microseconds since 1970 are fewer
 _ASTRAY = 0.25  # steps, by which a row may come early or late
 _JUMP = 3.0  # times FASTEST, and times the median pace of a file: no person moves on so
+_AWAY = 1.0  # m, that a person goes who does not stand
 _SLOW = 0.05  # m/s, of a set whose unit is another
 _USUAL = 0.5, 1.3, 2.0  # m/s, of people who walk: at least, in the mean, at most in the median of a set
 
@@ -227,6 +228,10 @@ def _read(file: Path, columns: tuple[str, ...], rate: float | None) -> list[Pers
         is_header = not lines and tuple(each.lower() for each in cells) == columns
         if not cells or cells[0].startswith("#") or is_header:
             continue
+        if not lines and not any(character.isdigit() for character in text):
+            raise ValueError(
+                f"{file}:{line}: is {shown(text)}; a line that names columns is {' '.join(columns)}, or begins with #"
+            )
         if len(lines) == MOST_ROWS:
             raise ValueError(f"{file}:{line}: the rows go on; there must be at most {MOST_ROWS}")
         if len(cells) != len(columns):
@@ -284,7 +289,7 @@ def _walked(file: Path, people: list[NDArray[np.float64]], rate: float | None) -
     # m a frame, beyond which nobody walks: an id that was given to another; not where coordinates are no metres
     walks = zip(people, frames, strict=True)
     paces = [np.hypot(*np.diff(rows[:, 2:], axis=0).T) / np.diff(mine) for rows, mine in walks]
-    most = _JUMP * max(FASTEST / ((rate or RATE) * step), float(np.median(np.concatenate(paces))))
+    most = _JUMP * max(FASTEST / ((rate or RATE) * step), _median([rows[:, 2:] for rows in people], paces))
     persons: list[Person] = []
     filled = parted = size = 0
     for rows, mine, pace in zip(people, frames, paces, strict=True):
@@ -323,10 +328,16 @@ def _step(apart: NDArray[np.int64]) -> float:
     return usual if often.max() >= 0.9 * len(near) else float(near.mean())
 
 
+def _median(tracks: list[NDArray[np.float64]], paces: list[NDArray[np.float64]]) -> float:
+    """Returns the median pace of those who get somewhere, as most of a queue do not; of all where nobody does."""
+    walk = [pace for places, pace in zip(tracks, paces, strict=True) if np.ptp(places, axis=0).max() >= _AWAY]
+    return float(np.median(np.concatenate([np.zeros(0), *(walk or paces)])))
+
+
 def _check_speed(file: Path, people: list[Person], rate: float | None) -> None:
     """Checks that people walk as people do; warns where they walk as few do and nobody said how far apart rows are."""
     steps = [np.hypot(*np.diff(each.places, axis=0).T) for each in people]
-    median = float(np.median(np.concatenate([np.zeros(0), *steps]))) * (rate or RATE) if steps else 0.0
+    median = _median([each.places for each in people], steps) * (rate or RATE) if steps else 0.0
     pace = f"people walk at {median:.3g} m/s in the median, at {1.0 / (rate or RATE):g} s between rows"
     slow, usual, quick = _USUAL
     near = (rate or RATE) * usual / max(median, 1e-9)

@@ -128,6 +128,21 @@ def test_rows_of_another_rate_are_read_at_it_and_noticed_without(tmp_path: Path,
             gymnasium.make("wayfield/OmniPeople-v0", scenario=f"{file}@{behind}")
 
 
+@pytest.mark.parametrize(("factor", "said"), [(1.0, ""), (0.1, "walk at 0.13 m/s"), (10.0, "walk at 13 m/s")])
+def test_people_who_stand_do_not_slow_down_those_who_walk(factor: float, said: str, tmp_path: Path) -> None:
+    stand = {i: (0, np.tile([3.0 * i, 40.0], (100, 1))) for i in range(1, 31)}
+    go = {i: (0, walk(0.0, 2.0 * (i - 35), 1.3 * factor, 0.0, 100)) for i in range(31, 41)}
+    (tmp_path / "crowd.txt").write_text(plain(stand | go))
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        try:
+            assert len(recorded(tmp_path / "crowd.txt")) == 10
+        except ValueError as error:
+            found.append(error)  # type: ignore[arg-type]
+    lines = [str(getattr(each, "message", each)) for each in found]
+    assert [said in line for line in lines] == [True] * bool(said), lines
+
+
 @pytest.mark.parametrize(("rate", "tremble", "lost"), [(2.5, 5, 0), (2.5, 40, 3), (30.0, 0, 0), (30.0, 3, 20)])
 def test_stamps_in_milliseconds_that_tremble_are_rows_all_the_same(
     tmp_path: Path, rate: float, tremble: int, lost: int
@@ -160,6 +175,10 @@ def test_a_recording_that_was_changed_is_read_again(tmp_path: Path) -> None:
         ("0 1 0 0\n0 1 1 1\n", "2: id 1 is in frame 0 twice, first in line 1; it must be there once"),
         ("", "1: holds no rows; a row is frame, id, x, y"),
         ("0 1 0\n", "1: has 3 columns; a row has 4: frame, id, x, y"),
+        (
+            "frame_id ped_id x y\n0 1 0 0\n",
+            "1: is 'frame_id ped_id x y'; a line that names columns is frame id x y, or",
+        ),
         ("0 1.5 0 0\n", "1: id is '1.5'; it must be a whole number"),
         ("0 1 0 0\n10 1 x 0\n", "2: x is 'x'; it must be a number from -10000 to 10000, in m"),
         (
