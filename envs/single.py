@@ -12,6 +12,8 @@ from numpy import empty, float32, ndarray
 from numpy.typing import NDArray
 
 from wayfield.envs.batch import Batch, Results
+from wayfield.envs.robots import Robot
+from wayfield.envs.robots.doubts import tell
 from wayfield.envs.tasks.arguments import Arguments
 from wayfield.envs.tasks.briefing import Briefing
 from wayfield.envs.tasks.constraints import NAMES, Constraint
@@ -65,6 +67,8 @@ class SingleEnv(gymnasium.Env[Any, Any]):
         self.task = self.asks(arguments, arguments.options(self.robots))
         if said := arguments.doubt():
             warnings.warn(said, FileNote, stacklevel=2)
+        if isinstance(arguments.robot, Robot):  # made in Python; files have been told of
+            tell(arguments.robot, f"robot {arguments.robot.name!r}")
         self._choose_frames(arguments.render_mode, arguments.frame_size)
         self._lay_out()
 

@@ -1,11 +1,13 @@
 """What a data sheet says that no robot is likely to have: most likely, it is in other units than m, kg, s and rad."""
 
 import math
+import warnings
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from wayfield.envs.robots.intervals import Interval
+from wayfield.system.objects import FileNote
 
 if TYPE_CHECKING:
     from wayfield.envs.robots.robot import Robot
@@ -21,6 +23,13 @@ USUAL = {
     "lag": (0.0, 1.5, "s"),
     "gain": (0.5, 2.0, ""),
 }
+
+
+def tell(robot: "Robot", where: str) -> None:
+    """Warns in a line of what `doubt` finds; of a robot, wherever it goes, once."""
+    if not vars(robot).setdefault("_told", False) and (said := doubt(robot)):
+        warnings.warn(f"{where}: {said}; units are m, kg, s and rad", FileNote, stacklevel=3)
+    vars(robot)["_told"] = True
 
 
 def doubt(robot: "Robot") -> str:

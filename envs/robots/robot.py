@@ -7,7 +7,6 @@ import json
 import math
 import os
 import re
-import warnings
 from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
@@ -17,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayfield.envs.robots import kinematics
-from wayfield.envs.robots.doubts import doubt
+from wayfield.envs.robots.doubts import tell
 from wayfield.envs.robots.intervals import IDENTIFIED, Interval
 from wayfield.system.checks import HEAVIEST, LIGHTEST, choose, printable, real, shown, whole
 from wayfield.system.linear import pseudo_inverse
-from wayfield.system.objects import FileNote, check_keys, fault, json_object
+from wayfield.system.objects import check_keys, fault, json_object
 from wayfield.system.readers import reader
 
 DRIVES = ("differential", "omni", "mecanum")
@@ -587,8 +586,7 @@ def read_robot(file: str) -> Robot:
         OSError: if it cannot be opened, FileNotFoundError if there is none.
     """
     robot = _robot_of(file)
-    if said := doubt(robot):
-        warnings.warn(f"{file}: {said}; units are m, kg, s and rad", FileNote, stacklevel=2)
+    tell(robot, file)
     shipped = ROBOTS.get(robot.name)
     if shipped is None:
         return robot

@@ -28,6 +28,7 @@ from wayfield.envs.vector import NativeVectorEnv
 from wayfield.policies.learned.agent import drives, load_agent
 from wayfield.policies.trained.ppo import shipped
 from wayfield.policies.training.presets import overridden, preset_for
+from wayfield.system.objects import FileNote
 
 NEW = ("turtlebot3", "kobuki", "jackal", "mecanum4", "mir100", "husky")
 FOLDER = Path(wayfield.envs.robots.__file__).parent / "data_sheets"
@@ -372,6 +373,23 @@ def test_a_sheet_in_other_units_is_refused_or_doubted_in_a_line(tmp_path: Path, 
     ):
         for field, changed in scaled(content, fields, factor):
             assert doubted(file, changed), (field, factor)
+
+
+@pytest.mark.parametrize("changes", [{}, {"mass": 9000.0}, {"lag": 3.0}, {"rated_wheel_speed": 117.0}])
+def test_a_robot_made_in_python_is_doubted_once_where_it_is_first_driven(changes: dict[str, float]) -> None:
+    robot = dataclasses.replace(ROBOTS["p3dx"], name="mine", **changes, peak_wheel_speed=200.0)
+    said = []
+    for made, count in ((gymnasium.make, ()), (gymnasium.make_vec, (2,)), (gymnasium.make, ())):
+        with warnings.catch_warnings(record=True) as found:
+            warnings.simplefilter("always")
+            made(
+                "wayfield/DiffDrivePathFollowing-v0", *count, robot=pickle.loads(pickle.dumps(robot)) if said else robot
+            )
+        said.append([str(each.message) for each in found if each.category is FileNote])
+        robot = pickle.loads(pickle.dumps(robot))  # as for a worker
+    assert said[1:] == [[], []]
+    assert [line.startswith("robot 'mine': ") for line in said[0]] == [True] * bool(changes)
+    assert all(name in said[0][0] for name in changes)
 
 
 def test_a_sheet_is_written_as_it_was_read(tmp_path: Path) -> None:
