@@ -188,7 +188,7 @@ def workers(count: int) -> Iterator[Executor]:
 
     Raises:
         ChildProcessError: if a process is killed from outside.
-        ValueError: if this process may start no others.
+        ValueError: if this process may start no others, or a script would start anew in each.
     """
     if count == 1:
         yield HERE
@@ -197,6 +197,11 @@ def workers(count: int) -> Iterator[Executor]:
         raise ValueError(
             f"workers is {count}; within a worker of Dask or of a multiprocessing.Pool, which may start no processes, "
             "it must be 1"
+        )
+    if script := _unguarded():
+        raise ValueError(
+            f"workers is {count}, and each process runs {printable(script)} from its first line: put what that does "
+            'under a line if __name__ == "__main__":'
         )
     # spawned, not forked: compiled code and figures hold threads, which a fork would cut off
     pool = ProcessPoolExecutor(count, multiprocessing.get_context("spawn"), initializer=_begin, initargs=(os.getpid(),))
@@ -217,6 +222,18 @@ def workers(count: int) -> Iterator[Executor]:
         raise
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _unguarded() -> str:
+    """Returns the script that runs, if it does all its work where a process imports it, as each that it starts does."""
+    script = str(getattr(sys.modules["__main__"], "__file__", None) or "")
+    if not script.endswith(".py") or os.path.basename(script) == "__main__.py":  # which no process imports
+        return ""
+    try:
+        with open(script, encoding="utf-8", errors="replace") as file:
+            return "" if "__main__" in file.read() else script
+    except OSError:
+        return ""
 
 
 def _begin(parent: int) -> None:

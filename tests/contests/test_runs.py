@@ -343,6 +343,22 @@ def test_a_worker_that_is_killed_is_told_as_such():
         list(share(signal.raise_signal, 2 * [signal.SIGKILL]))
 
 
+@pytest.mark.parametrize("guard", ["if True:", 'if __name__ == "__main__":'])
+def test_a_script_that_would_start_anew_in_each_worker_is_told_where_to_put_what_it_does(guard: str, tmp_path: Path):
+    """It ended as if a worker had been killed for want of memory, after each had begun the script again."""
+    lines = ["from wayfield.system.executors import workers", guard, "    print('begins', flush=True)"]
+    lines += ["    with workers(2) as share:", "        print(list(share(abs, [-1, -2])))"]
+    script = tmp_path / "mine.py"
+    script.write_text("\n".join(lines))
+    run = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False)
+    assert run.stdout.count("begins") == 1
+    if guard == "if True:":
+        assert run.stderr.splitlines()[-1].startswith("ValueError: workers is 2, and each process runs ")
+        assert 'if __name__ == "__main__":' in run.stderr
+    else:
+        assert run.stdout.endswith("[1, 2]\n")
+
+
 _WORKING = """
 import os, sys, time
 from wayfield.system.executors import workers
