@@ -6,6 +6,7 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
@@ -27,6 +28,12 @@ _OWN = ("np_random", "np_random_seed")  # of a vector environment: one a row
 _ALTERNATIVE = (
     "robots of a batch are no objects; make them with stable_baselines3.common.env_util.make_vec_env(env_id, num_envs)"
 )
+
+_GIVEN = "NativeVecEnv takes an id and the environment's keywords: NativeVecEnv(env_id, 4, robot='husky')"
+_OF_MAKE_VEC_ENV = {
+    "env_kwargs", "wrapper_class", "wrapper_kwargs", "vec_env_cls", "vec_env_kwargs", "monitor_dir", "monitor_kwargs",
+    "start_index", "start_method",
+}  # fmt: skip
 
 
 def _joined(pieces: list[NDArray[Any]]) -> NDArray[Any]:
@@ -91,6 +98,10 @@ class NativeVecEnv(VecEnv):
     ) -> None:
         for word in {"num_envs", "n_envs"} & kwargs.keys():
             raise TypeError(f"{word} is called worlds here: NativeVecEnv(env_id, {shown(kwargs[word])})")
+        for word in _OF_MAKE_VEC_ENV & kwargs.keys():
+            raise TypeError(f"{word} is of make_vec_env; {_GIVEN}, or {_ALTERNATIVE}")
+        if not isinstance(env_id, str | EnvSpec):
+            raise TypeError(f"env_id is {shown(env_id)}; {_GIVEN}; environments that are made go into DummyVecEnv")
         for word in {"autoreset_mode", "vectorization_mode"} & kwargs.keys():
             raise TypeError(f"{word} is not for NativeVecEnv, whose rows begin anew at once, as those of every VecEnv")
         if not isinstance(worlds, Sequence):

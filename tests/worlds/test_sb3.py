@@ -204,6 +204,12 @@ def test_worlds_that_differ_in_what_is_seen_and_no_worlds_are_refused() -> None:
         NativeVecEnv(OMNI, [(1, {}), (1, {"num_beams": 4})])
     with pytest.raises(TypeError, match=r"n_envs is called worlds here: NativeVecEnv\(env_id, 4\)"):
         NativeVecEnv(PATH, n_envs=4)
+    for word in ("env_kwargs", "wrapper_class", "monitor_dir", "vec_env_cls", "start_method"):
+        with pytest.raises(TypeError, match=rf"^{word} is of make_vec_env; .* NativeVecEnv\(env_id, 4, robot="):
+            NativeVecEnv(PATH, 2, **{word: {}})
+    for made in ([PATH], [lambda: gymnasium.make(PATH)], gymnasium.make(PATH)):
+        with pytest.raises(TypeError, match=r"^env_id is .* go into DummyVecEnv"):
+            NativeVecEnv(made)  # type: ignore[arg-type]
     with pytest.raises(TypeError, match="autoreset_mode is not for NativeVecEnv"):
         NativeVecEnv(PATH, autoreset_mode="NextStep")
     for worlds in ([], [2, 3], [(2, None)], "4"):
