@@ -281,6 +281,7 @@ def lay_out(
 
 
 _MOST_TURNS = 40
+_TREMBLING = 20.0  # times what a base can, that a recorded track asks for by its noise, and a plan by a slip of the pen
 _SCALED = 4  # of LIMITS, those that more time helps
 RAMP = 2.0  # s
 
@@ -302,7 +303,8 @@ def beyond(laid: Laid, base: NDArray[np.void], scaled: bool) -> str:
         least = float(base["turning_radius"][0])
         return f"turns on {least / share:.3g} m at {at:.2f} s; this base turns on no less than {least:g} m"
     rests = "" if scaled else "; it begins and ends at rest"
-    return f"takes {share:.2f} times this base's {LIMITS[worst]} at {at:.2f} s; give it more time there{rests}"
+    fewer = ", or keep fewer points if they tremble" * (share > _TREMBLING and not scaled)
+    return f"takes {share:.2f} times this base's {LIMITS[worst]} at {at:.2f} s; give it more time there{fewer}{rests}"
 
 
 # ---- smooth curves through points

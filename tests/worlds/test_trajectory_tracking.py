@@ -107,7 +107,7 @@ def test_rewards_are_those_of_the_sheet_and_the_cost_is_told_whatever_they_are()
         ({"times": [0, 3, 3, 10]}, r"times\[2\] is 3 after 3; times must increase"),
         ({"times": [0, 3, 6]}, "times is 3 numbers; the path has 4 points"),
         ({}, "times are missing"),
-        ({"times": [0, 1, 2, 3]}, r"takes [\d.]+ times this base's acceleration at [\d.]+ s; give it more time"),
+        ({"times": [0, 1, 2, 3]}, r"takes [\d.]+ times this base's acceleration at [\d.]+ s; give it more time there;"),
         ({"times": [0, 9, 18, 27], "headings": [0, 0, 1.5, 1.5]}, r"moves sideways at [\d.]+ m/s at [\d.]+ s"),
         ({"times": [0, 9, 18, 27], "headings": [0, 90, 90, 180]}, r"headings\[1\] is 90; headings are in rad"),
         ({"times": [0, 9, 18, 27], "start": [2, 0, 0]}, "up to 2 m from where the reference begins"),
@@ -115,6 +115,10 @@ def test_rewards_are_those_of_the_sheet_and_the_cost_is_told_whatever_they_are()
         (
             {"reference": [[0, 0], [2, 0], [0, 0]], "times": [0, 9, 18]},
             "turn it along the path",
+        ),
+        (
+            {"reference": [[0.05 * k, 0.01 * (k % 2)] for k in range(40)], "times": [0.1 * k for k in range(40)]},
+            "give it more time there, or keep fewer points if they tremble",
         ),
     ],
 )
