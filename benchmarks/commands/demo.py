@@ -272,8 +272,8 @@ def page() -> str:
     content.sentences.append(
         "Race wheeled robots by hand against controllers and trained networks, or watch them: alone, in teams, among "
         "people. Draw them a path, put things in their way, give them other motors or another robot. All is computed "
-        "in this page, by the compiled code of the Python package wayfield (pip install wayfield): the same run, to "
-        "the last bit. Your best times stay in this browser; nothing is sent anywhere."
+        "in this page, by the compiled code of the Python package wayfield: the same run, to the last bit. "
+        "Your best times stay in this browser; nothing is sent anywhere."
     )
     content.sentences.append(
         "Controllers compute each command by a rule or a plan that somebody wrote; the list of robots says what each "

@@ -237,6 +237,7 @@ def test_the_demo_is_one_file_within_its_budget_that_asks_for_nothing(tmp_path: 
     text = (tmp_path / "demo.html").read_text(encoding="utf-8")
     assert len(text.encode()) <= demo.BUDGET
     assert demo.FOUND in text
+    assert "pip install wayfield" not in text  # which no index has yet
     assert re.findall(r'(?:src|href)="https?:', text) == []
     told, _ = payload(text)
     assert {world["kind"] for world in told["worlds"]} == {spec.kind for spec in IN_PAGE.values()}

@@ -191,7 +191,7 @@ class Share {
     if (!run || (run === drive.hand && !run.tape.length)) { this.told.textContent = "Drive first: the code drives that run again."; return; }
     if (run.asked.from) { this.told.textContent = "This run began in the middle of another; the code drives runs from the start."; return; }
     const text = pythonOf(drive, run);
-    this.told.textContent = (await copied(text)) ? `Python copied: it drives “${run.actor.label}” again${run.asked.conditions.disturbance === "none" ? ", to the last bit" : "; disturbed runs draw other noise than the page"}. It needs the package: pip install wayfield.` : "The browser allows no copy.";
+    this.told.textContent = (await copied(text)) ? `Python copied: it drives “${run.actor.label}” again${run.asked.conditions.disturbance === "none" ? ", to the last bit" : "; disturbed runs draw other noise than the page"}. It needs the package; in a clone of it: pip install .` : "The browser allows no copy.";
   }
 }
 
