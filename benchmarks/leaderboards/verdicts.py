@@ -17,7 +17,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from wayfield.benchmarks.contests import ALL_CONTESTS, DISTURBANCES, PACE_TOLERANCE, TRAINED, Contest
+from wayfield.benchmarks.contests import ALL_CONTESTS, PACE_TOLERANCE, TRAINED, Contest
 from wayfield.benchmarks.leaderboards.disclosure import inputs
 from wayfield.benchmarks.leaderboards.entries import (
     COMPARED,
@@ -164,13 +164,18 @@ def _ends(line: Row, low: str, high: str) -> tuple[float, float]:
 
 
 def pairs(rows: Episodes) -> Iterator[Pair]:
-    """Yields pairs of a run: trained agents beside every other, and the first entries without the map and with it."""
+    """Yields pairs of a run: beside every other trained agents and the first entries without the map and with it.
+
+    Of several levels of disturbance, agents alone.
+    """
     for name, of_contest in rows.groups("contest").items():
         contest = ALL_CONTESTS[name]
         for robot, mine in of_contest.groups("robot").items():
+            ladder = len(mine.unique("disturbance")) > 1
             for condition, here in conditions(contest, robot, mine).items():
+                ranks = here[0]["split"] in COMPARED and not ladder
                 for scenes, there in by_scenes(contest, here).items():
-                    yield from _pairs(contest.of_rows(there), condition, scenes, by_entry(there))
+                    yield from _pairs(contest.of_rows(there), condition, scenes, by_entry(there), ranks)
 
 
 def by_scenes(contest: Contest, rows: Episodes) -> dict[str, Episodes]:
@@ -182,9 +187,10 @@ def by_scenes(contest: Contest, rows: Episodes) -> dict[str, Episodes]:
     return {scenes: mine for scenes, mine in parts.items() if mine}
 
 
-def _pairs(contest: Contest, condition: str, scenes: str, entries: Mapping[Entry, Episodes]) -> Iterator[Pair]:
-    some, observes = next(iter(entries.values()))[0], contest.spec.observes
-    ranks = some["split"] in COMPARED and some["suite"] != DISTURBANCES
+def _pairs(
+    contest: Contest, condition: str, scenes: str, entries: Mapping[Entry, Episodes], ranks: bool
+) -> Iterator[Pair]:
+    observes = contest.spec.observes
     runs = {entry: Runs.of(rows, contest) for entry, rows in entries.items()}
     speeds = {entry: mean_speed(rows) for entry, rows in entries.items()}
     compared = {entry for entry in entries if entry[0] in TRAINED}

@@ -156,7 +156,8 @@ def test_an_interrupted_run_keeps_what_is_done_and_goes_on(paths: tuple[Path, Re
 
 
 def test_the_ladder_runs_every_level_of_every_task(tmp_path: Path) -> None:
-    arguments = ("--suite", "disturbances", "--policies", "pure_pursuit,apf_corrected,samson", "--gains", "default")
+    policies = "pure_pursuit,stanley,apf_corrected,samson"
+    arguments = ("--suite", "disturbances", "--policies", policies, "--gains", "default")
     families = ",".join(next(iter(spec.families)) for spec in TASKS.values())
     result = evaluate(*arguments, "--families", families, "--episodes", 1, "--out", tmp_path)
     assert result.exit_code == 0, result.output
