@@ -8,10 +8,12 @@ tables of README.md, so that a test can make them again.
 
 import csv
 import datetime
+import functools
 import io
 import re
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
@@ -26,8 +28,10 @@ from sections import DOCUMENTS, RESULTS, ROWS, SECTIONS, Section
 
 from wayfield.benchmarks.commands.submission import content as entry_files
 from wayfield.benchmarks.commands.submission import driven_today
-from wayfield.benchmarks.contests import PUBLIC_SPLIT
+from wayfield.benchmarks.contests import CONTESTS, PUBLIC_SPLIT
 from wayfield.benchmarks.entrants.documents import documents
+from wayfield.benchmarks.figures.contest_figures import front
+from wayfield.benchmarks.figures.drawing import saved
 from wayfield.benchmarks.leaderboards.document_tables import document_tables
 from wayfield.benchmarks.leaderboards.leaderboard import contest_tables
 from wayfield.benchmarks.records.episode import Episodes, Row
@@ -122,10 +126,18 @@ def made_again(home: Path) -> dict[str, bytes]:
 
 
 def picture(home: Path) -> None:
-    """Draws README's figure from the tables that the repository keeps, where it has those of every task."""
+    """Draws README's figure from the kept tables, where those of every task are there, and fronts from kept rows."""
     panels = list(front_page.panels(Store(home)))
     if len(panels) == front_page.TASKS:
         write_whole(home / front_page.FIGURE, front_page.figure(panels))
+    for contest in CONTESTS.values():
+        kept = home / ROWS / f"{contest.name}{SUFFIX}"
+        if contest.speeds and kept.is_file():
+            rows = Episodes.of(unpacked(kept.read_bytes(), contest.name))
+            with tempfile.TemporaryDirectory() as folder:
+                stem = Path(folder) / f"{contest.stem}_p3dx_front"
+                saved(functools.partial(front, contest, rows, home), stem)
+                write_whole(home / "docs" / f"{stem.name}.png", stem.with_suffix(".png").read_bytes())
 
 
 def write(home: Path, files: Mapping[str, bytes]) -> None:
