@@ -13,7 +13,7 @@ claimed of those alone.
 import dataclasses
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -28,6 +28,7 @@ from wayfield.benchmarks.leaderboards.entries import (
     label,
     leader,
     mean_speed,
+    off_pace,
     shown_speed,
 )
 from wayfield.benchmarks.leaderboards.matrix import Runs, cost_difference, how_often_better, success_difference
@@ -166,7 +167,8 @@ def _ends(line: Row, low: str, high: str) -> tuple[float, float]:
 def pairs(rows: Episodes) -> Iterator[Pair]:
     """Yields pairs of a run: beside every other trained agents and the first entries without the map and with it.
 
-    Of several levels of disturbance, agents alone.
+    Where a speed is requested, also the first of those that hold it in the mean over all scenes. Of several levels of
+    disturbance, agents alone.
     """
     for name, of_contest in rows.groups("contest").items():
         contest = ALL_CONTESTS[name]
@@ -174,8 +176,9 @@ def pairs(rows: Episodes) -> Iterator[Pair]:
             ladder = len(mine.unique("disturbance")) > 1
             for condition, here in conditions(contest, robot, mine).items():
                 ranks = here[0]["split"] in COMPARED and not ladder
+                held = {entry for entry, each in by_entry(here).items() if not off_pace(each, contest.pace)}
                 for scenes, there in by_scenes(contest, here).items():
-                    yield from _pairs(contest.of_rows(there), condition, scenes, by_entry(there), ranks)
+                    yield from _pairs(contest.of_rows(there), condition, scenes, by_entry(there), held, ranks)
 
 
 def by_scenes(contest: Contest, rows: Episodes) -> dict[str, Episodes]:
@@ -188,7 +191,12 @@ def by_scenes(contest: Contest, rows: Episodes) -> dict[str, Episodes]:
 
 
 def _pairs(
-    contest: Contest, condition: str, scenes: str, entries: Mapping[Entry, Episodes], ranks: bool
+    contest: Contest,
+    condition: str,
+    scenes: str,
+    entries: Mapping[Entry, Episodes],
+    held: Collection[Entry],
+    ranks: bool,
 ) -> Iterator[Pair]:
     observes = contest.spec.observes
     runs = {entry: Runs.of(rows, contest) for entry, rows in entries.items()}
@@ -196,7 +204,8 @@ def _pairs(
     compared = {entry for entry in entries if entry[0] in TRAINED}
     if ranks:
         with_map = {entry: rows for entry, rows in entries.items() if MAP in rows[0]["knows"]}
-        compared |= {leader(contest, each) for each in (entries, with_map) if each}
+        at_pace = {entry: rows for entry, rows in entries.items() if entry in held}
+        compared |= {leader(contest, each) for each in (entries, with_map, at_pace) if each}
     # agents first, so that what is said is said of them
     ordered = sorted(entries, key=lambda entry: (entry[0] not in TRAINED, entry not in compared))
     for a, b in itertools.combinations(ordered, 2):

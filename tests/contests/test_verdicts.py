@@ -148,6 +148,18 @@ def test_scenes_that_stand_still_and_that_move_are_compared_apart() -> None:
     assert {row[1] for row in table.rows} == {"static obstacles", "moving obstacles"}
 
 
+def test_beside_the_first_who_is_slow_the_first_at_the_requested_speed_is_compared_with_all() -> None:
+    rows = [row for row in rows_of(CONTESTS["path-following"], 2) if row["split"] == "test" and row["policy"] != "ppo"]
+    won = {named(entry): sum(number(row, "success") for row in mine) for entry, mine in groups(rows).items()}
+    first, second = sorted(won, key=lambda name: -won[name])[:2]
+    assert first == "C"  # which drives at 0.47 m/s, and B at 0.66
+    assert second != "B"
+    table = verdicts.pairs_table(Episodes(rows), COMMAND)
+    pairs = {frozenset(row[2:4]) for row in table.rows}
+    assert pairs == {frozenset((one, other)) for one in (first, second) for other in won if other != one}
+    assert len(pairs) == len(table.rows)
+
+
 def test_a_law_that_never_arrives_is_in_tables_and_charts_that_a_page_can_hold() -> None:
     contest = CONTESTS["path-following"]
     lost = [
