@@ -161,9 +161,10 @@ SECTIONS = (
                 (f"{contest.stem}_p3dx_ladder_pairs.csv", f"{contest.spec.title}: {CLAIMS[0].lower()}{CLAIMS[1:]}"),
             )
         },
-        "Five scenarios of each family a level: enough for intervals, too few to tell close policies apart. Four "
-        "policies had changed since the run and drove again at commit 430ee4b9: `ppo` and `stanley` on paths, "
-        "`smooth_pose` and `mpc_pose` to docks.",
+        "Five scenarios of each family a level: enough for intervals, too few to tell close policies apart. Of what "
+        "had changed since the run, `ppo` and `stanley` on paths and `smooth_pose` and `mpc_pose` to docks drove again "
+        "at commit 430ee4b9, `lqr` (tuned) at 67692995, `ppo` and `reeds_shepp` to docks at b54633e6; `ilqr` drove "
+        "there.",
     ),
     Section(
         "barn",

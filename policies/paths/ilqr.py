@@ -73,7 +73,8 @@ class Ilqr(PathLaw):
     cells, and driven to the millimetre each takes a stop.
 
     It finds a minimum, not the least: it does not look at other ways to come back from far off. A unicycle law that
-    never reverses: an omni base drives it without its sideways motion.
+    never reverses: an omni base drives it without its sideways motion. Noise of the pose and a delay that it does not
+    know slow it down, for errors count more than progress: to 0.04 m/s with a delay of three control periods.
 
     Sources: Li and Todorov, ICINCO 2004 (iterative LQR); Tassa, Mansard and Todorov, ICRA 2014 (bounds); Lam, Manzie
     and Good, CDC 2010 (contouring with progress).
