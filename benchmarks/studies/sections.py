@@ -163,7 +163,7 @@ SECTIONS = (
         },
         "Five scenarios of each family a level: enough for intervals, too few to tell close policies apart. Of what "
         "had changed since the run, `ppo` and `stanley` on paths and `smooth_pose` and `mpc_pose` to docks drove again "
-        "at commit 430ee4b9, `lqr` (tuned) at 67692995, `ppo` and `reeds_shepp` to docks at b54633e6; `ilqr` drove "
+        "at commit 430ee4b9, `lqr` (tuned) at 67692995, `ppo` and `reeds_shepp` to docks at 57fe86db; `ilqr` drove "
         "there.",
     ),
     Section(
