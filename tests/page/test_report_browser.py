@@ -47,7 +47,7 @@ def browser() -> Iterator[Browser]:
 def by_hand(tab: Page) -> None:
     """Takes the wheel in the scene on the screen."""
     shown = tab.evaluate("[replay.world.family, replay.world.name, replay.robot]")
-    tab.get_by_role("button", name="Race it").click()
+    tab.locator(".large button").first.click()
     assert tab.evaluate("[replay.world.family, replay.world.name, replay.robot]") == shown
 
 
@@ -457,7 +457,7 @@ def race(browser: Browser, page: Path, file: Path, scene: str, rate: str) -> Ite
     with Watched(browser, page, viewport={"width": 1440, "height": 900}, reduced_motion="reduce") as watched:
         watched.page.locator("input[type=file]").set_input_files(file)
         watched.until(f"replay.world.name === '{file.stem}'")
-        watched.page.get_by_role("button", name="Race it").click()
+        watched.page.locator(".large button").first.click()
         watched.page.get_by_label("speed of the replay").select_option(rate)
         yield watched
 
@@ -497,7 +497,7 @@ def test_all_within_a_metre_of_a_drawn_line_is_in_the_scene(browser: Browser, fi
         assert len(off) > 2
         assert off == sorted(off)  # who keeps to the line best is the first
         count = tab.evaluate("drive.runs.length")
-        tab.get_by_role("button", name="Race it").click()
+        tab.locator(".large button").first.click()
         assert "Stay on the grey band" in tab.locator(".sentence").inner_text()
         tab.get_by_role("button", name="Put things in its way").click()
         told = f"Your line followers ({count}) cannot dodge, so {tab.evaluate('drive.runs.length')} robots that can"
@@ -826,7 +826,7 @@ def test_a_finger_that_stays_down_ends_a_race_on_a_card(
     size: Any = {"width": width, "height": height}
     with Watched(browser, files["demo"], viewport=size, has_touch=True, reduced_motion="reduce") as watched:
         tab = watched.page
-        tab.get_by_role("button", name="Race it").click()
+        tab.locator(".large button").first.click()
         settled(tab)
         left, top, right, bottom = picture = box_of(tab, ".board canvas")
         pad = [box_of(tab, each) for each in ("left", "ahead", "right", "back")]
@@ -901,7 +901,7 @@ def test_two_fingers_zoom_the_picture_and_drive_by_the_pad(browser: Browser, fil
         fingers.lift(0)
         assert tab.evaluate("replay.view.zoom") > 2.0
         assert tab.evaluate("[replay.world.obstacles.length, scrollY, visualViewport.scale]") == [before, 0, 1]
-        tab.get_by_role("button", name="Race it").tap()
+        tab.locator(".large button").first.tap()
         tab.evaluate("() => { replay.world.obstacles = []; drive.begin(drive.hand, true); }")
         twist = "drive.twistByHand(drive.hand.simulator)"
         ahead, right = ((box[0] + 20, box[1] + 20) for box in (box_of(tab, "ahead"), box_of(tab, "right")))
@@ -953,7 +953,7 @@ def test_every_click_puts_a_thing_and_every_drag_draws_a_path(browser: Browser, 
         ends = tab.evaluate("drive.runs.map((run) => [run.actor.outcome, run.measures.clearance > 0])")
         assert ends == [["success", True]] * 3
         same_in_python(tab, tab.evaluate("replay.chosen.policy"))
-        tab.get_by_role("button", name="Race it").click()  # who goes on ends the tool
+        tab.locator(".large button").first.click()  # who goes on ends the tool
         assert tab.evaluate("[drive.editor.tool, replay.hint.hidden]") == [None, True]
         assert watched.errors == []
 
@@ -1031,12 +1031,16 @@ def test_a_link_to_the_demo_shows_what_it_is(monkeypatch: pytest.MonkeyPatch, br
     (tmp_path / "demo.html").write_text(text, encoding="utf-8")
     with Watched(browser, tmp_path / "demo.html", reduced_motion="reduce") as watched:
         assert taken(watched.page, "copy link").startswith(f"{address}.html#")
-        race = watched.page.get_by_role("button", name="Race it")
+        race = watched.page.locator(".large button").first
+        assert race.inner_text() == "Start easy: challenge 1"
         race.click()  # not among the 24 people of the opening
         assert "open field" in watched.page.locator(".numbers option:checked").inner_text()
         watched.page.evaluate("drive.race.nth = 0; drive.race.keep(9, 'bronze')")
         watched.page.get_by_role("link", name="wayfield").click()
-        assert race.inner_text() == "Race it: challenge 2"
+        assert race.inner_text() == "Go on: challenge 2"
+        watched.page.get_by_role("button", name="race this scene (challenge 11)").click()
+        assert watched.page.evaluate("[drive.drives, replay.world.bodies.length, drive.race.now]") == [True, 24, 10]
+        watched.page.get_by_role("link", name="wayfield").click()
         race.click()
         assert "2. wide door" in watched.page.locator(".numbers option:checked").inner_text()
         assert [each for each in watched.requests if each.startswith("http")] == []
@@ -1092,7 +1096,7 @@ def test_what_is_shown_is_recorded(browser: Browser, files: dict[str, Path], tmp
         assert watched.page.evaluate("replay.step === replay.last")
         # before the first press of a race it waits with the clock
         watched.page.set_viewport_size({"width": 1280, "height": 800})
-        watched.page.get_by_role("button", name="Race it").click()
+        watched.page.locator(".large button").first.click()
         watched.page.get_by_role("button", name="record").click()
         watched.page.wait_for_timeout(500)
         assert watched.page.evaluate("[replay.playing, replay.step, drive.hand.tape.length]") == [False, 0, 0]

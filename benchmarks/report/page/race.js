@@ -83,10 +83,12 @@ class Race {
     const { hand: run, editor } = this.drive;
     const hand = run && !run.actor.outcome;
     const modes = [hand && !editor.stays, editor.stays && editor.tool === "path", editor.stays && editor.tool === "disc"];
-    this.large[0].textContent = this.opening ? `Race it: challenge ${this.due + 1}` : "Race it";
+    this.large[0].textContent = !this.opening ? "Race it" : this.due ? `Go on: challenge ${this.due + 1}` : "Start easy: challenge 1";
     this.large.forEach((button, k) => button.setAttribute("aria-pressed", Boolean(modes[k])));
     const text = hand ? this.asked(run) : this.run ? "Try again, take another challenge, or send a friend your run." : this.sent ? this.came() : this.opening ? demo.sentence : this.closest() || ABOUT;
     this.headline(text);
+    const here = this.opening ? this.challenges.findIndex(({ family, seed }) => family === demo.opening.place.family && seed === demo.opening.place.seed) : -1;
+    if (here >= 0) this.sentence.append(" ", button(`race this scene (challenge ${here + 1})`, () => this.open(here)));
     this.number.value = this.now < 0 || this.opening ? "" : String(this.now);
     const verdict = !editor.stays ? "" : editor.tool === "path" ? this.closest() : world.own ? this.verdict() : "";
     if (verdict) editor.tell(`${verdict} ${editor.tool === "path" ? "Tracks are drawn a few pixels apart." : `Click or tap for another ${editor.tool}.`}`);
