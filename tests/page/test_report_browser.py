@@ -491,6 +491,7 @@ def test_all_within_a_metre_of_a_drawn_line_is_in_the_scene(browser: Browser, fi
         tab.get_by_role("button", name="Draw a path").click()
         cx, cy = tab.evaluate("replay.view.centre")
         drag(tab, [[cx + x, cy + y] for x, y in ((-1.5, 0), (-1, 0), (-0.5, 0), (0, 0), (0, 0.5), (0, 1), (0, 1.5))])
+        assert "grey band is the allowed width: leave it and the run ends." in tab.locator(".hint").first.inner_text()
         watched.until(f"replay.world.kind === 'path' && {DRIVEN}")
         listed = tab.locator(".side .actors")
         off = [float(each) for each in re.findall(r"typically ([\d.e-]+) mm off", listed.inner_text())]
