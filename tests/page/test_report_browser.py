@@ -500,6 +500,9 @@ def test_all_within_a_metre_of_a_drawn_line_is_in_the_scene(browser: Browser, fi
         count = tab.evaluate("drive.runs.length")
         tab.locator(".large button").first.click()
         assert "Stay on the grey band" in tab.locator(".sentence").inner_text()
+        for off, out in ((0.95, False), (1.05, True)):  # m below the line, where no edge is drawn
+            place = f"{{ pose: [{cx - 1}, {cy - off}, 0], world: replay.world }}"
+            assert tab.evaluate(f"{cy - off} < drive.hand.field[1] && drive.outside(drive.hand, {place})") is out
         tab.get_by_role("button", name="Put things in its way").click()
         told = f"Your line followers ({count}) cannot dodge, so {tab.evaluate('drive.runs.length')} robots that can"
         assert told in tab.locator(".words .hint").first.inner_text()
@@ -520,6 +523,7 @@ def test_all_within_a_metre_of_a_drawn_line_is_in_the_scene(browser: Browser, fi
         tab.locator(".sentence", has_text="out of the scene: turn back").wait_for()
         tab.locator(".card", has_text="out of the scene").wait_for(timeout=60_000)
         assert "Drove off after" in tab.locator(".card").inner_text()
+        assert tab.evaluate("replay.edge") is None  # it would cross the band
         assert watched.errors == []
 
 

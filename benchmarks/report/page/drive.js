@@ -512,17 +512,17 @@ class Drive {
     return true;
   }
 
-  // Beside a line with things on it, all within a metre of it is in the scene.
-  outside({ field: [left, bottom, right, top] }, { pose: [x, y], world: { kind, path = [], corridor } }) {
+  // All within the grey band along a line is in the scene.
+  outside({ field: [left, bottom, right, top] }, { pose: [x, y], world: { path = [], closed, corridor } }) {
     if (x >= left && y >= bottom && x <= right && y <= top) return false;
-    return kind === "path" || path.every((point, k) => !k || distanceTo(shapeOf.wall(path[k - 1], point), x, y) > corridor);
+    return (closed ? [...path, path[0]] : path).every((point, k, line) => !k || distanceTo(shapeOf.wall(line[k - 1], point), x, y) > corridor);
   }
 
   // Whether a run by hand is over: for some seconds it has come no nearer, out of the scene, or in it while nobody else drives.
   astray(run) {
     const { simulator: { world, state, alive, pose: [x, y] } } = run;
     const out = this.outside(run, run.simulator);
-    [run.out, this.replay.edge] = [out, out ? run.field : null];
+    [run.out, this.replay.edge] = [out, out && !world.path ? run.field : null]; // a line has its band
     const { waypoints = [], goal } = world;
     const aim = waypoints.length ? Number(state.get("waypoint")) : 0;
     if (aim !== run.aim) [run.aim, run.left, run.least] = [aim, Infinity, Infinity]; // the next place may lie farther away
