@@ -92,7 +92,7 @@ class Race {
     this.number.value = this.now < 0 || this.opening ? "" : String(this.now);
     const verdict = !editor.stays ? "" : editor.tool === "path" ? this.closest() : world.own ? this.verdict() : "";
     if (verdict) editor.tell(`${verdict} ${editor.tool === "path" ? "Tracks are drawn a few pixels apart." : `Click or tap for another ${editor.tool}.`}`);
-    else if (this.told) editor.tell(AGAIN[editor.tool] || "");
+    else if (this.told) editor.tell((editor.tool === "path" ? AGAIN : HINTS)[editor.tool] || "");
     this.told = verdict; // it goes as the end of the runs leaves the picture
   }
 
