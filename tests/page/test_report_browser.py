@@ -508,6 +508,7 @@ def test_all_within_a_metre_of_a_drawn_line_is_in_the_scene(browser: Browser, fi
         assert told in tab.locator(".words .hint").first.inner_text()
         drag(tab, [[cx, cy + 0.8], [cx + 0.1, cy + 0.8]])
         watched.until(f"replay.world.obstacles.length === 1 && {DRIVEN}")
+        assert "short cuts" in tab.locator(".scenes > .note").first.inner_text()
         by_hand(tab)
         assert "Drive through the rings" in tab.locator(".sentence").inner_text()
         tab.get_by_label("speed of the replay").select_option("2")

@@ -180,7 +180,7 @@ class Editor {
       replay.world.edited = true;
       for (const actor of replay.actors) if (actor.told) actor.ghost = true;
       this.about = replay.told_of.textContent;
-      replay.told_of.textContent = "A scene that you changed; “reset scene”, under “Edit the scene”, brings it back.";
+      replay.told_of.textContent = `${drive.original.path && drive.original.kind === "goal" ? `${this.about} ` : ""}A scene that you changed; “reset scene”, under “Edit the scene”, brings it back.`; // short cuts stay told
       replay.listActors();
     }
     const { world } = replay;
