@@ -450,6 +450,27 @@ def test_arrow_keys_drive_after_a_click_in_the_bar_and_work_a_list_that_tab_led_
         assert watched.errors == []
 
 
+def test_arrow_keys_step_while_it_is_paused_wherever_a_click_left_the_focus(
+    browser: Browser, files: dict[str, Path]
+) -> None:
+    with Watched(browser, files["demo"], viewport={"width": 1440, "height": 900}) as watched:
+        tab = watched.page
+        tab.evaluate(
+            "drive.clear(); drive.add({ label: 'dwa' }); drive.pump(20000); replay.seek(20); replay.toggle(true)"
+        )
+        for name in ("pause", "follow robot", "charts"):
+            tab.get_by_role("button", name=name, exact=True).click()
+            before = tab.evaluate("replay.step")
+            for key, change in (("ArrowRight", 1), ("ArrowLeft", 0), ("ArrowLeft", -1)):
+                tab.keyboard.press(key)
+                assert tab.evaluate("replay.step") == before + change
+        tab.locator(".files input[type=text]").focus()
+        before = tab.evaluate("replay.step")
+        tab.keyboard.press("ArrowRight")  # moves in the text
+        assert tab.evaluate("replay.step") == before
+        assert watched.errors == []
+
+
 @contextlib.contextmanager
 def race(browser: Browser, page: Path, file: Path, scene: str, rate: str) -> Iterator[Watched]:
     """Yields a page where a race in a scene of the user's own has been asked for, its replay at a rate."""

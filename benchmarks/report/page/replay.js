@@ -96,6 +96,11 @@ class Replay {
   wire() {
     const { canvas, view } = this;
     canvas.addEventListener("keydown", (event) => this.key(event));
+    // while it is paused arrows step, wherever a click has left the focus, but in what takes arrows itself
+    document.addEventListener("keydown", (event) => {
+      const { target, key, defaultPrevented } = event;
+      if (!defaultPrevented && this.paused && canvas.offsetParent && target !== canvas && /^Arrow(Left|Right)$/.test(key) && !/^(text|number|range|select-one)$/.test(target.type)) this.key(event);
+    });
     canvas.addEventListener("wheel", (event) => {
       if (!event.ctrlKey && document.activeElement !== canvas) return; // the page scrolls until the picture is chosen
       event.preventDefault();
@@ -253,8 +258,13 @@ class Replay {
     this.tell();
   }
 
+  get paused() {
+    return !this.playing && this.actors.length > 0 && !this.races();
+  }
+
   // The clock; a run that still drives has no end yet.
   tell() {
+    this.clock.classList.toggle("paused", this.paused && this.step < this.last);
     this.scrubber.value = String(this.step);
     this.scrubber.setAttribute("aria-valuetext", `${(this.step * DT).toFixed(2)} s`);
     const end = this.busy && this.busy() ? "" : ` of ${(this.last * DT).toFixed(2)}`;
@@ -376,6 +386,7 @@ class Replay {
     if (on === this.playing) return;
     this.playing = on;
     this.playButton.textContent = on ? "pause" : "play";
+    this.tell();
     if (!on) { this.halts(); return; }
     this.listActors();
     if (this.step >= this.last && !(this.busy && this.busy())) this.seek(0);
