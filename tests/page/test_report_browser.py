@@ -447,6 +447,11 @@ def test_arrow_keys_drive_after_a_click_in_the_bar_and_work_a_list_that_tab_led_
         tab.keyboard.press("Tab")
         tab.keyboard.press("ArrowDown")
         assert tab.evaluate("replay.rate") == 2
+        thinking = tab.get_by_role("button", name="show its thinking")
+        shown = "getComputedStyle(drive.looks.button, '::after').content"
+        assert [thinking.is_enabled(), tab.evaluate(shown)] == [False, '"choose a rival first"']
+        tab.locator(".actors [data-chosen=no] .name").first.click()
+        assert [thinking.is_enabled(), tab.evaluate(shown)] == [True, "none"]
         assert watched.errors == []
 
 
