@@ -85,7 +85,8 @@ class Race {
     const modes = [hand && !editor.stays, editor.stays && editor.tool === "path", editor.stays && editor.tool === "disc"];
     this.large[0].textContent = !this.opening ? "Race it" : this.due ? `Go on: challenge ${this.due + 1}` : "Start easy: challenge 1";
     this.large.forEach((button, k) => button.setAttribute("aria-pressed", Boolean(modes[k])));
-    const text = hand ? this.asked(run) : this.run ? "Try again, take another challenge, or send a friend your run." : this.sent ? this.came() : this.opening ? demo.sentence : this.closest() || ABOUT;
+    const friend = replay.actors.find(({ policy }) => policy === FRIEND);
+    const text = hand ? this.asked(run) : this.run ? "Try again, take another challenge, or send a friend your run." : friend ? (friend.own ? "This is your last run: can you beat it?" : "A friend sent you this run: race it, or watch it first.") : this.sent ? this.came() : this.opening ? demo.sentence : this.closest() || ABOUT;
     this.headline(text);
     const here = this.opening ? this.challenges.findIndex(({ family, seed }) => family === demo.opening.place.family && seed === demo.opening.place.seed) : -1;
     if (here >= 0) this.sentence.append(" ", button(`race this scene (challenge ${here + 1})`, () => this.open(here)));
