@@ -86,7 +86,7 @@ class Trace {
     let [low, high] = [0, 1e-3];
     const all = actors.map((actor) => this.of(actor, world));
     for (const values of all) for (const value of values) if (Number.isFinite(value)) { low = Math.min(low, value); high = Math.max(high, value); }
-    const y = scale(low, high, view.height - 6, 18, false);
+    const y = scale(low, high, view.height - 18, 18, false);
     const x = (k) => 44 + ((view.width - 52) * k) / last;
     context.font = "11px system-ui, sans-serif";
     view.context.font = context.font;
@@ -100,10 +100,12 @@ class Trace {
       context.textAlign = "right";
       context.fillText(short(tick), 40, y(tick) + 4);
     }
+    context.textAlign = "center";
+    for (const time of ticks(0, last * DT, false)) context.fillText(short(time), x(time / DT), view.height - 4);
     context.textAlign = "left";
     context.fillStyle = ink("--ink");
-    const name = this.name === "error" && world.goal ? "distance to the goal" : this.name;
-    context.fillText(`${name} (${this.unit})`, 48, 12);
+    const name = this.name === "error" && world.goal ? "distance to the star" : this.name;
+    context.fillText(`${name} (${this.unit}) over time (s)`, 48, 12);
     actors.forEach((actor, i) => {
       context.strokeStyle = ink(colourName(actor.policy));
       context.lineWidth = actor === chosen ? 2.2 : 1.2;
