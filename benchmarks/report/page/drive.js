@@ -48,7 +48,7 @@ class Drive {
     this.fingers = new Map(); // the button of the pad that each finger is on, by its pointer
     const bodies = (replay.told.demo || {}).robots || {};
     const select = (label, options, change = () => {}) => {
-      const box = el("select", { "aria-label": label, on: { change } }, options.map((each) => el("option", { value: each }, MOTORS[each] || bodies[each] || each.replace("_", " "))));
+      const box = el("select", { "aria-label": label, on: { change } }, options.map((each) => el("option", { value: each }, MOTORS[each] || bodies[each] || each.replace(/^delay_(\d+)$/, (_, count) => `delay of ${count} control period${count > 1 ? "s" : ""} (${short(count * DT)} s)`).replace("_", " "))));
       return [box, el("label", {}, label, box)];
     };
     const [who] = select("who drives", [], () => this.chosenPolicy());
