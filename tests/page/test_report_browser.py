@@ -135,6 +135,9 @@ def test_it_opens_from_a_file_and_fits(
         assert len([each for each in watched.requests if each.startswith("file:")]) == 1
         assert watched.page.evaluate("document.documentElement.scrollWidth") <= width
         assert watched.page.locator("#problem").is_hidden()
+        watched.page.get_by_role("button", name="light / dark").click()
+        watched.page.reload()
+        assert watched.page.locator("html").get_attribute("data-theme") == {"light": "dark", "dark": "light"}[scheme]
 
 
 @pytest.mark.parametrize(("width", "height"), [(1280, 800), (1440, 900), (390, 844)])

@@ -67,14 +67,22 @@ function ink(name) {
 }
 
 const themed = []; // run when the theme changes
+const THEME = "wayfield theme"; // in the browser's storage
 function wireTheme() {
   const root = document.documentElement;
+  try {
+    const kept = localStorage.getItem(THEME);
+    if (["light", "dark"].includes(kept)) root.dataset.theme = kept;
+  } catch { /* a browser that keeps nothing */ }
   const dark = window.matchMedia("(prefers-color-scheme: dark)");
   const changed = () => { inks = null; for (const run of themed) run(); };
   dark.addEventListener("change", changed);
   byId("theme").addEventListener("click", () => {
     const now = root.dataset.theme || (dark.matches ? "dark" : "light");
     root.dataset.theme = now === "dark" ? "light" : "dark";
+    try {
+      localStorage.setItem(THEME, root.dataset.theme);
+    } catch { /* as above */ }
     changed();
   });
 }
