@@ -230,7 +230,7 @@ class Editor {
     const { world, step } = this.replay;
     const found = [];
     const turned = ([x, y, heading], kind) => found.push({ kind: "heading", of: kind, at: [x + 0.45 * Math.cos(heading), y + 0.45 * Math.sin(heading)], reach: 0.05, knob: true });
-    if (world.goal) { found.push({ kind: "goal", at: world.goal, reach: 0.15 }); turned(world.goal, "goal"); }
+    if (world.goal) { found.push({ kind: "goal", at: world.goal, reach: 0.15 }); if (world.heading_tolerance < Math.PI) turned(world.goal, "goal"); }
     if (world.start) { found.push({ kind: "start", at: world.start, reach: 0.2 }); turned(world.start, "start"); }
     (world.waypoints || []).forEach((at, index) => found.push({ kind: "waypoint", index, at, reach: 0.15 }));
     const standing = obstaclesAt(world, step * DT);
