@@ -524,6 +524,10 @@ def test_all_within_a_metre_of_a_drawn_line_is_in_the_scene(browser: Browser, fi
         assert "grey band is the allowed width: leave it and the run ends." in tab.locator(".hint").first.inner_text()
         watched.until(f"replay.world.kind === 'path' && {DRIVEN}")
         listed = tab.locator(".side .actors")
+        kinds = tab.locator(".side > .note").nth(1).inner_text()
+        assert [f"{each}: " in kinds for each in ("Tuned", "hand-tuned", "paper's gains")] == [
+            f", {each}\n" in listed.inner_text() for each in ("tuned", "hand-tuned", "paper's gains")
+        ]
         off = [float(each) for each in re.findall(r"typically ([\d.e-]+) mm off", listed.inner_text())]
         assert len(off) > 2
         assert off == sorted(off)  # who keeps to the line best is the first
@@ -563,7 +567,7 @@ def test_what_is_said_of_the_end_of_runs_goes_with_it_and_is_what_they_are_sorte
 ) -> None:
     with Watched(browser, files["demo"], viewport={"width": 1440, "height": 900}) as watched:
         tab = watched.page
-        hint, caption = tab.locator(".words .hint").first, tab.locator(".side > .note")
+        hint, caption = tab.locator(".words .hint").first, tab.locator(".side > .note").first
         tab.get_by_role("button", name="Put things in its way").click()
         x, y, _ = tab.evaluate("replay.world.goal")
         drag(tab, [[x + 1.5, y + 1.5], [x + 1.6, y + 1.5]])
@@ -611,9 +615,9 @@ def test_a_line_of_text_that_comes_or_goes_moves_nothing(
         tab.evaluate("replay.split(replay.actors[0]); drive.pump(20000); replay.toggle(false)")
         tops = "[replay.canvas, replay.bar, drive.choice, replay.list, replay.scenario].map((each) => each.offsetTop)"
         before = tab.evaluate(tops)
-        assert tab.locator(".side > .note").inner_text() == "At the end the fastest comes first."
+        assert tab.locator(".side > .note").first.inner_text() == "At the end the fastest comes first."
         tab.evaluate("replay.seek(replay.last)")
-        assert tab.locator(".side > .note").inner_text() == "The fastest comes first."
+        assert tab.locator(".side > .note").first.inner_text() == "The fastest comes first."
         assert tab.evaluate(tops) == before
         tab.evaluate("replay.seek(20); drive.looks.turn(true)")
         tab.locator(".hint", has_text="What is drawn").wait_for()

@@ -73,6 +73,7 @@ class Replay {
     this.clock = el("span", { class: "clock" });
     this.list = el("ul", { class: "actors", "aria-label": "runs" });
     this.order = el("p", { class: "note" });
+    this.found = el("p", { class: "note" });
     this.picks = el("div", { class: "pick" });
     this.told_of = el("p", { class: "note" });
     this.fitButton = button("whole scene", () => this.whole(), { hidden: true, title: "the picture was moved or zoomed: back to all of it" });
@@ -84,7 +85,7 @@ class Replay {
     this.board = el("div", { class: "board" }, this.canvas, this.beside, this.panes);
     this.quick = el("div", { class: "quick" });
     this.scenario = el("details", { open: true, class: "scenes" }, el("summary", {}, "Scene"), this.picks, this.told_of);
-    this.side = el("div", { class: "side" }, this.order, this.list, this.scenario);
+    this.side = el("div", { class: "side" }, this.order, this.list, this.found, this.scenario);
     this.app = el("div", { class: "app" }, this.board, this.quick, this.bar, this.side, el("div", { class: "traces" }, this.traces.map((trace) => trace.canvas)));
     byId("player").append(this.words, this.app);
     this.place = () => this.app.style.setProperty("--top", `${Math.round(this.app.getBoundingClientRect().top + window.scrollY) + (this.told.demo && this.plots && window.innerWidth > 820 && window.innerHeight > 500 ? CHART : 0)}px`);
@@ -361,6 +362,8 @@ class Replay {
         button("×", () => this.takeOut(actor), { class: "drop-out", "aria-label": `take out ${actor.label}`, title: "take this run out" }),
         el("small", { class: bad ? "bad" : "" }, note));
     }));
+    const kinds = Object.keys(FOUND).filter((kind) => order.some(({ label }) => label.includes(OWN[kind])));
+    this.found.textContent = kinds.length ? `${kinds.map((kind) => `${OWN[kind].slice(2)}: ${kind === kinds[0] ? FOUND[kind] : FOUND[kind].replace("gains (settings) ", "")}`).join("; ")}.`.replace(/^./, (first) => first.toUpperCase()) : "";
     this.listed = this.endings;
     if (held) for (const each of this.list.querySelectorAll("[aria-label]")) if (each.getAttribute("aria-label") === held) each.focus({ preventScroll: true });
   }
