@@ -467,6 +467,7 @@ def test_arrow_keys_step_while_it_is_paused_wherever_a_click_left_the_focus(
         tab.evaluate(
             "drive.clear(); drive.add({ label: 'dwa' }); drive.pump(20000); replay.seek(20); replay.toggle(true)"
         )
+        assert tab.evaluate("Number(replay.scrubber.max) === replay.last")
         for name in ("pause", "follow robot", "charts"):
             tab.get_by_role("button", name=name, exact=True).click()
             before = tab.evaluate("replay.step")

@@ -17,6 +17,7 @@ const companyOf = ({ kind }) => (kind === "team" ? "team" : "crowd"); // the oth
 const CROWDED = 4; // runs in a picture, from which on all but the chosen one are thin
 const CHART = 90; // px that the picture leaves to the first of the charts
 const PLAYBACK = 2; // times as fast as the robots
+const UNENDING = 600; // steps that the time slider spans at least until the end is known
 
 class Replay {
   constructor(told, packed) {
@@ -254,7 +255,6 @@ class Replay {
 
   stretch() {
     this.last = Math.max(1, ...this.actors.map((actor) => actor.x.length - 1));
-    this.scrubber.max = String(this.last);
     this.step = Math.min(this.step, this.last);
     this.tell();
   }
@@ -266,6 +266,7 @@ class Replay {
   // The clock; a run that still drives has no end yet.
   tell() {
     this.clock.classList.toggle("paused", this.paused && this.step < this.last);
+    this.scrubber.max = String(this.busy && this.busy() ? Math.max(this.last, UNENDING) : this.last);
     this.scrubber.value = String(this.step);
     this.scrubber.setAttribute("aria-valuetext", `${(this.step * DT).toFixed(2)} s`);
     const end = this.busy && this.busy() ? "" : ` of ${(this.last * DT).toFixed(2)}`;
