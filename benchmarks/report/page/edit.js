@@ -57,7 +57,7 @@ function lined({ path, closed }) {
 }
 
 const shapeOf = {
-  disc: ([ax, ay], [bx, by]) => [ax, ay, 1, 0, 0, 0, Math.max(Math.hypot(bx - ax, by - ay), CLICKED), 0],
+  disc: ([ax, ay], [bx, by]) => [ax, ay, 1, 0, 0, 0, CLICKED + Math.hypot(bx - ax, by - ay), 0],
   box: ([ax, ay], [bx, by]) => [0.5 * (ax + bx), 0.5 * (ay + by), 1, 0, Math.max(0.5 * Math.abs(bx - ax), 0.05), Math.max(0.5 * Math.abs(by - ay), 0.05), 0, 0],
   wall: ([ax, ay], [bx, by]) => {
     const length = Math.max(Math.hypot(bx - ax, by - ay), 0.1);
@@ -351,7 +351,8 @@ class Editor {
     if (shapeOf[tool]) {
       const clicked = !to || Math.hypot(to[0] - grabbed[0], to[1] - grabbed[1]) * this.replay.view.pixels < 5;
       const [x, y] = grabbed;
-      this.made = shapeOf[tool](clicked && tool !== "disc" ? [x - CLICKED, y - CLICKED] : grabbed, clicked ? [x + CLICKED, y + (tool === "disc" ? 0 : CLICKED)] : to);
+      const half = tool === "disc" ? 0 : CLICKED;
+      this.made = shapeOf[tool](clicked ? [x - half, y - half] : grabbed, clicked ? [x + half, y + half] : to);
     }
     this.grabbed = null;
     this.to = null;
