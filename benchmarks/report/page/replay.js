@@ -458,7 +458,7 @@ class Replay {
     if (!this.blank) drawStars(context, world, pixel);
     if (this.leads) drawWay(context, view, world, pixel, at(top));
     const named = [...new Set([top, chosen, ...actors])].filter(Boolean).map((actor) => ({ ...actor, top: actor === top, name: `${this.nameOf(actor)}${step >= actor.stuck ? `: stuck since ${(actor.stuck * DT).toFixed(2)} s` : ""}` }));
-    if (named.length > 1 || named.some(({ stuck }) => step >= stuck)) drawNames(context, view, named, step, hull, pixel, company ? bodiesAt(world, company, step, hull) : [], this.blank ? [] : obstaclesAt(world, step * DT));
+    if (named.length > 1 || named.some(({ stuck }) => step >= stuck)) drawNames(context, view, named, step, hull, pixel, company ? bodiesAt(world, company, step, hull) : [], this.blank ? [] : [...obstaclesAt(world, step * DT), ...[starOf(world)].filter(Boolean).map(([x, y]) => [x, y, 1, 0, 0, 0, 9 * pixel, 0])]);
     return context;
   }
 

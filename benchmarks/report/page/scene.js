@@ -154,15 +154,18 @@ function drawEdge(context, [left, bottom, right, top], pixel) {
 
 // Where one is to arrive, over the robots that are there already.
 function drawStars(context, world, pixel) {
-  const { path, goal } = world;
-  if (path && path.length && !goal) flag(context, ...(world.closed ? path[0] : path[path.length - 1]), 7 * pixel);
+  const { goal } = world;
+  if (!goal && starOf(world)) flag(context, ...starOf(world), 7 * pixel);
   for (const [x, y] of world.goals || []) flag(context, x, y, 5 * pixel); // of the other robots of a team
   if (goal) flag(context, goal[0], goal[1], 9 * pixel);
 }
 
+// The star of a scene, where it has one.
+const starOf = ({ path, closed, goal }) => goal || (path && path[closed ? 0 : path.length - 1]);
+
 // An arrow at the edge of a near picture to the star that it does not hold, and how far that is from a place.
-function drawWay(context, view, { path, closed, goal }, pixel, from) {
-  const [x, y] = goal || (path && path[closed ? 0 : path.length - 1]) || view.centre;
+function drawWay(context, view, world, pixel, from) {
+  const [x, y] = starOf(world) || view.centre;
   const [cx, cy] = view.centre;
   const room = [view.width, view.height].map((side) => side / 2 - 24);
   const [dx, dy] = [(x - cx) / pixel, (y - cy) / pixel];
