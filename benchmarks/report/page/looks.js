@@ -312,9 +312,9 @@ class Looks {
     const shown = [found, other && this.run(other)].filter(Boolean); // of either pane
     const told = [...new Set(shown.map(({ run, look }) => `${run.actor.label}: ${look.title}`))].join("; ");
     this.button.disabled = !shown.length; // nor has the hand any that could be drawn
-    const hand = !told && replay.actors.length > 1 && replay.chosen && replay.chosen.policy === KEYBOARD;
+    const hand = !told && replay.actors.length > 1 && replay.chosen && [KEYBOARD, FRIEND].includes(replay.chosen.policy);
     this.button.dataset.why = hand ? "choose a rival first" : "";
-    this.button.title = told || (hand ? "You are chosen; choose a rival to see its thinking." : "of this one nothing can be drawn");
+    this.button.title = told || (hand ? "A run by hand is chosen; choose a rival to see its thinking." : "of this one nothing can be drawn");
     this.legend.hidden = !(this.on && shown.length);
     this.legend.textContent = `What is drawn: ${told}`;
     this.legend.classList.toggle("long", told.length > 0.6 * LONG_LINE);
