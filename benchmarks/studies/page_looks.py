@@ -148,7 +148,7 @@ def sectors(params: Any, scan: Any, seen: Any, memory: Any, looked: Any) -> None
     radius = p.plant.hull_radius + p.margin
     farthest = max(p.window, radius + max(p.max_speed * vfh_plus.AHEAD, LOOK))
     m = memory[0]
-    count = find_hits(p, scan, seen, m, 0, farthest, radius, points)
+    count = find_hits(p, scan, seen, m, 0, farthest, radius, points, 0.0)
     if p.foresight > 0.0:
         count = find_approaching(p, scan, seen, m, 0, radius, points, count)
     hits = points[:count]
@@ -184,7 +184,7 @@ def arcs(params: Any, scan: Any, seen: Any, memory: Any, looked: Any) -> None:
     stopping = p.max_speed * (delay + p.plant.dt + p.max_speed / p.plant.acceleration)
     farthest = radius + p.room_range + max(p.max_speed * p.horizon, stopping, 3.0)
     m = memory[0]
-    count = find_hits(p, scan, seen, m, 0, farthest, radius, points)
+    count = find_hits(p, scan, seen, m, 0, farthest, radius, points, 0.0)
     slowest = 0.0
     if p.foresight > 0.0:
         standing = count

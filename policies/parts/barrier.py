@@ -150,7 +150,7 @@ def filter_twists(params, scan, seen, blind, memory, twists):
         speed = max(m.fastest, math.sqrt(wheels[0] * wheels[0] + wheels[1] * wheels[1]))
         way = speed * (1.0 / gamma + plant.lag + 2.0 * plant.dt) + 0.5 * speed * speed / plant.acceleration
         farthest = (radius + 2.0 * offset + way) / max(1.0 - p.spacing, 0.1)
-        count = find_hits(p, scan, seen, m, i, farthest, radius, points)
+        count = find_hits(p, scan, seen, m, i, farthest, radius, points, 0.0)
         for j in range(count):
             distance = math.sqrt(points[j, 0] * points[j, 0] + points[j, 1] * points[j, 1])
             points[j, 2] = min(radius + p.spacing * distance, distance)

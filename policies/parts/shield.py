@@ -126,7 +126,7 @@ def filter_twists(params, scan, seen, blind, memory, twists):
         fastest = math.sqrt(fastest)
         way = fastest * (plant.lag + 2.0 * plant.dt) + 0.5 * fastest * fastest / plant.acceleration
         farthest = (radius + way) / max(1.0 - p.spacing, 0.1)
-        count = find_hits(p, scan, seen, m, i, farthest, radius, points)
+        count = find_hits(p, scan, seen, m, i, farthest, radius, points, 0.0)
         hits = points[:count]
         for j in range(count):
             distance = math.sqrt(hits[j, 0] * hits[j, 0] + hits[j, 1] * hits[j, 1])

@@ -24,6 +24,7 @@ BLOCK = 16  # neighbouring beams, whose lines are looked at together
 MOVED = 0.06  # m, nearer, before a surface counts as moving
 FASTEST = 1.0  # m/s, of surfaces that come nearer
 STILL = 1e-3  # m/s; slower than this a robot has stopped: a lag of 0.25 s carries it 0.25 mm farther
+STANDS = 0.02  # m/s, measured; slower than this a robot may turn, but stays where it is
 LONGEST_STOP = 1000  # control periods that a stop is predicted for
 NEAR_ENOUGH = 0.8  # of the distance at which a goal is reached: a robot that rests there is, noise and all
 APPROACH = 0.7  # share of the acceleration that a robot brakes with at its goal, so that it does not overshoot
@@ -125,18 +126,19 @@ def sees_all_round(briefing: Briefing) -> bool:
 
 
 @allocating
-def find_hits(p, scan, seen, m, i, farthest, radius, hits):
+def find_hits(p, scan, seen, m, i, farthest, radius, hits, beside):
     """Fills `hits` (beams + SECTORS, 3) with the points met within `farthest` (m), now or lately; returns their number.
 
     A row is x, y (m, body frame) and the distance (m) that the robot's centre has to keep: `radius`, or, where the
     robot is nearer to the hit already, the distance it has. It may leave such a hit, or stay, but not approach it.
 
     What is near can drop out of sight: a door post between two beams, a thin wall seen end-on. The memory keeps the
-    nearest point of each sector around the robot for `recall` (s) after it was last seen.
+    nearest point of each sector around the robot for `recall` (s) after it was last seen, and nearer than `beside` (m)
+    for as long as the robot stands.
     """
     ranges = scan.ranges
     directions = scan.directions
-    near = recalled_near(p, seen, m, i)
+    near = recalled_near(p, seen, m, i, beside)
     count = 0
     for j in range(ranges.shape[1]):
         distance = max(ranges[i, j], 1e-6)
@@ -152,18 +154,28 @@ def find_hits(p, scan, seen, m, i, farthest, radius, hits):
 
 
 @allocating
-def recalled_near(p, seen, m, i):
-    """Returns what is still known near robot i, (SECTORS, 4): x, y, distance (m, body frame) and for how long (s)."""
+def recalled_near(p, seen, m, i, beside):
+    """Returns what is still known near robot i, (SECTORS, 4): x, y, distance (m, body frame) and for how long (s).
+
+    Nothing nearer than `beside` (m) is forgotten while the robot stands.
+    """
     x = seen.poses[i, 0]
     y = seen.poses[i, 1]
     sine, cosine = sin_cos(seen.poses[i, 2])
+    vx = seen.twists[i, 0]
+    vy = seen.twists[i, 1]
+    kept = beside if vx * vx + vy * vy < STANDS * STANDS else 0.0
     near = np.full((SECTORS, 4), np.inf)
     recalled = m.recalled
     for j in range(SECTORS):
-        left = recalled[j, 2] - p.plant.dt
-        if left > 0.0:
+        if recalled[j, 2] > 0.0:
             bx, by = to_body_frame(x, y, sine, cosine, recalled[j, 0], recalled[j, 1])
-            remember(near, bx, by, max(math.sqrt(bx * bx + by * by), 1e-6), left)
+            distance = max(math.sqrt(bx * bx + by * by), 1e-6)
+            left = recalled[j, 2] - p.plant.dt
+            if distance < kept:
+                left = min(recalled[j, 2], p.recall - p.plant.dt)
+            if left > 0.0:
+                remember(near, bx, by, distance, left)
     return near
 
 

@@ -213,7 +213,7 @@ def slow_down(p, m, scan, seen, i):
     """
     reach = p.time_before_collision * p.max_speed + p.plant.hull_radius
     hits = np.empty((scan.directions.shape[0] + SECTORS, 3))
-    count = find_hits(p, scan, seen, m, i, reach, p.plant.hull_radius, hits)
+    count = find_hits(p, scan, seen, m, i, reach, p.plant.hull_radius, hits, 0.0)
     if p.time_before_collision > 0.0:
         left = free_time(hits[:count], m.command[0], m.command[1], m.command[2], p.time_before_collision)
         for c in range(3):

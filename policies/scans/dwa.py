@@ -144,7 +144,7 @@ def choose_twists(params, scan, seen, memory, twists):
     farthest = radius + p.room_range + max(p.max_speed * p.horizon, stopping, 3.0)
     for i in range(scan.ranges.shape[0]):
         m = memory[i]
-        count = find_hits(p, scan, seen, m, i, farthest, radius, points)
+        count = find_hits(p, scan, seen, m, i, farthest, radius, points, 0.0)
         slowest = 0.0
         if p.foresight > 0.0:
             standing = count

@@ -219,7 +219,7 @@ def scratch_for(p, beams):
 def weighed(p, beams, ranges, seen, m, i, noise, scratch):
     """Fills the plans of robot i, their costs and, behind the plans, their weighted mean; returns the best of them."""
     clearances, ways, slowness, hits, plans, costs, weights = scratch
-    near = recalled_near(p, seen, m, i)
+    near = recalled_near(p, seen, m, i, 0.0)
     count = find_hits(p, beams, ranges, i, near, hits)
     # points by themselves: they are joined with nothing
     count = keep_near(p, seen, m, i, near, 0.0, hits, count)

@@ -64,6 +64,7 @@ STATE = [
 
 NEAR = 1.5  # m, within which the hits themselves are looked at
 RECALL, LONG_RECALL = 1.0, 10.0  # s, for which they are remembered; the longer by a hull that may fill a door
+BESIDE = 1.25  # radii of such a hull, nearer than which it remembers hits for as long as it stands: it may be in a door
 FINE, HULL = 0.35, 0.3  # m: up to which hull the grid is as `cell` says, and the one that `cell` is for
 
 
@@ -86,9 +87,9 @@ class ScanPlanner(PolylineTracker, ScanLaw):
     elastic band, and driven by the law of `PolylineTracker`; into cells not seen yet the robot drives with room to stop
     before them, or creeps. Whatever it drives, it slows until it can stop before the hits themselves, of this scan and
     of the last second. A round hull of 0.35 m and more may fill the narrowest doors of its class: it remembers hits for
-    ten seconds, and keeps them in the map, where beams that pass beside the end of a thin wall would take it out (a box
-    is narrower than the disc around it). It plans anew when the plan gets blocked, the goal changes, it has been moved
-    more than `astray`, is stuck, or `period` has passed.
+    ten seconds, those beside it for as long as it stands, and keeps them in the map, where beams that pass beside the
+    end of a thin wall would take it out (a box is narrower than the disc around it). It plans anew when the plan gets
+    blocked, the goal changes, it has been moved more than `astray`, is stuck, or `period` has passed.
 
     What comes nearer by itself (`find_approaching`) is also entered where it will be in `foresight`, so that ways lead
     around it; one that is `evade_within` away, or will be in `evade_time`, is backed away from.
@@ -130,11 +131,13 @@ class ScanPlanner(PolylineTracker, ScanLaw):
         """Returns the twists (b, t) in m/s and rad/s."""
         radius = briefing.robot.hull_radius
         self = _for_hull(self, radius)
+        recall = self.recall(briefing.robot)
         prices = search_prices(radius, self.margin, self.give, self.wanted_clearance, self.weight)
         p = self.params(
             briefing,
             **search(self.cell),
-            recall=self.recall(briefing.robot),
+            recall=recall,
+            beside=BESIDE * radius if recall > RECALL else 0.0,
             period_steps=round(self.period / briefing.dt),
             pause_steps=round(self.pause / briefing.dt),
             all_round=sees_all_round(briefing),
@@ -186,7 +189,7 @@ def decide(params, prices, table, scan, seen, memory):
         pose, goal, inside = enter(p, m, table, scan, seen, i)
         x, y, heading = pose
         sine, cosine = sin_cos(heading)
-        count = find_hits(p, scan, seen, m, i, NEAR, p.plant.hull_radius + 0.5 * p.skin, points)
+        count = find_hits(p, scan, seen, m, i, NEAR, p.plant.hull_radius + 0.5 * p.skin, points, p.beside)
         foreseen = find_approaching(p, scan, seen, m, i, p.plant.hull_radius, points, count)
         # beams that pass beside the end of a thin wall take it off the map, where they look through its cell
         for j in range(0 if p.recall > RECALL else count, foreseen):

@@ -160,7 +160,7 @@ def steer(params, scan, seen, memory, twists):
     farthest = max(p.window, radius + max(p.max_speed * AHEAD, LOOK))
     for i in range(scan.ranges.shape[0]):
         m = memory[i]
-        count = find_hits(p, scan, seen, m, i, farthest, radius, points)
+        count = find_hits(p, scan, seen, m, i, farthest, radius, points, 0.0)
         if p.foresight > 0.0:
             count = find_approaching(p, scan, seen, m, i, radius, points, count)
         hits = points[:count]

@@ -99,8 +99,8 @@ def test_discs_that_fill_the_narrowest_doors_seldom_touch_their_posts() -> None:
         case = next(contest.cases(robot, course, Entrants(("scan_planner",), ("default",))))
         how = Setting("drawn", case, "kinematic", "lagged", 0, len(scenes), members=scenes)
         touched += [row["collision"] for row, _ in episodes(how)]
-    # 1 % of all scenes among static obstacles: they are of 16 families, and in the 15 others there is room
-    assert np.mean(touched) <= 0.16
+    # they are of 16 families of static obstacles, and in the 15 others there is room: 0.3 % of all those scenes
+    assert np.mean(touched) <= 0.05
 
 
 @pytest.mark.parametrize("suite", ["teams", "people", "crowdnav"])
