@@ -63,7 +63,9 @@ class Kind:
 KINDS = {
     "still": Kind("Goals among static obstacles", CONTESTS["goal-obstacles"], False, SEEKERS),
     "moving": Kind("Goals among moving obstacles", CONTESTS["goal-obstacles"], True, SEEKERS),
-    "doors": Kind("The narrowest doors", CONTESTS["goal-obstacles"], False, ("scan_planner",), ("doors_narrow",)),
+    "doors": Kind(
+        "The narrowest doors", CONTESTS["goal-obstacles"], False, ("scan_planner", "any_robot"), ("doors_narrow",)
+    ),
     "docks": Kind("Docks", CONTESTS["docking"], None, ("reeds_shepp_scan",)),
 }
 
@@ -225,6 +227,19 @@ DOORS = """All 100 claims scenes of `doors_narrow`, one of the 16 families of st
 collisions with static obstacles happen here. Collisions in 16 % of these doors are 1 % of all static scenes."""
 
 
+def together(rows: Sequence[dict[str, str]]) -> str:
+    """Returns a sentence on the narrowest doors of all discs above 0.3 m, by each policy with default gains."""
+    discs = [robot.name for robot in map(disc, HULLS) if robot.hull_radius > HULLS[0]]
+    parts = []
+    for policy in KINDS["doors"].policies:
+        mine = [row for row in rows if (row["kind"], row["policy"]) == ("doors", policy) and row["robot"] in discs]
+        values, share = np.array([float(row["collision"]) for row in mine]), 100.0 / len(KINDS["still"].families)
+        low, high = share_interval(values, [row["robot"] for row in mine]) or (np.nan, np.nan)
+        ends = f"{share * values.mean():.2f} [{share * low:.2f}, {share * high:.2f}] %"
+        parts.append(f"`{policy}` in {values.sum():.0f} of {len(values)}, which are {ends} of all static scenes")
+    return f"Collisions in these doors of the discs above 0.3 m, with default gains: {'; '.join(parts)}."
+
+
 def unsearched() -> str:
     """Returns a sentence on the controllers without a search for a base."""
     lacking: dict[str, list[str]] = {}
@@ -244,7 +259,7 @@ def page(rows: Sequence[dict[str, str]], scenes_by_hull: dict[str, Any]) -> str:
     for name, kind in KINDS.items():
         parts += [f"## {kind.title}", results(rows, name)]
         there = [(base, law) for base in BASES for law in entries(base, name)]
-        parts += [DOORS] if name == "doors" else []
+        parts += [DOORS, together(rows)] if name == "doors" else []
         missing = [f"`{base}` {law}" for base, law in there if (name, base, law) not in done]
         parts += [f"Not driven: {', '.join(missing)}."] if missing else []
     if not any("Not driven" in part for part in parts):
