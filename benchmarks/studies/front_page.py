@@ -314,7 +314,7 @@ def _count(shown_panels: Sequence[Panel]) -> str:
     alike = outcomes.count(EQUIVALENT)
     ties = len(outcomes) - len(won) - len(lost) - alike
     quick = [f"{match.where} the {match.sooner} is faster" for match in matches if match.sooner]
-    noted = f"; time does not count there ({'; '.join(quick)})" if quick else ""
+    noted = f", whatever the times ({'; '.join(quick)})" if quick else ""
     which = [
         f"{camp} win {_listed(each).replace(', on ', ', ')}. "
         for camp, each in (("Controllers", won), ("Agents", lost))
