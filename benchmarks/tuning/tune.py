@@ -787,7 +787,8 @@ def _check_starts(search: Search) -> None:
     """Refuses a set to begin with that names what is no gain of the policy, or is no value of it."""
     for gains in search.started_from:
         try:
-            wayfield.policies.make(search.policy, **gains)
+            own = {name: value for name, value in gains.items() if name != "pace" or not search.paced}
+            wayfield.policies.make(search.policy, **own)
         except (ValueError, TypeError) as error:
             raise click.UsageError(f"--from {json.dumps(dict(gains))!r}: {error}") from None
 
