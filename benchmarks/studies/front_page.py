@@ -314,7 +314,7 @@ def _count(shown_panels: Sequence[Panel]) -> str:
     alike = outcomes.count(EQUIVALENT)
     ties = len(outcomes) - len(won) - len(lost) - alike
     quick = [f"{match.where} the {match.sooner} is faster" for match in matches if match.sooner]
-    noted = f", whatever the times ({'; '.join(quick)})" if quick else ""
+    noted = f", so time does not decide ({'; '.join(quick)})" if quick else ""
     which = [
         f"{camp} win {_listed(each).replace(', on ', ', ')}. "
         for camp, each in (("Controllers", won), ("Agents", lost))
@@ -337,7 +337,7 @@ def _where(panel: Panel, match: Match) -> str:
     task = f"{'when' if panel.title == 'Docking' else 'in'} {panel.title.lower()} "
     task = "" if match.where in CROWDS.values() else task
     place = match.where.partition(" (")[0]  # whose crowd it is stands in the figure
-    return f"{'on ' if panel.unit == 'mm' else task}{place}{' (by time, at equal success)' * bool(match.faster)}"
+    return f"{'on ' if panel.unit == 'mm' else task}{place}{' (equal success, so time decides)' * bool(match.faster)}"
 
 
 def figure(shown_panels: Sequence[Panel]) -> bytes:
