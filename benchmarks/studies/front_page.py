@@ -313,8 +313,8 @@ def _count(shown_panels: Sequence[Panel]) -> str:
     wins, losses = (str(len(each) or "none") for each in (won, lost))
     alike = outcomes.count(EQUIVALENT)
     ties = len(outcomes) - len(won) - len(lost) - alike
-    quick = [f"{match.where} the {match.sooner} is faster" for match in matches if match.sooner]
-    noted = f", so time does not decide ({'; '.join(quick)})" if quick else ""
+    quick = [f"{each.where} the {each.sooner} is faster, but success is not equal" for each in matches if each.sooner]
+    noted = f" ({'; '.join(quick)})" if quick else ""
     which = [
         f"{camp} win {_listed(each).replace(', on ', ', ')}. "
         for camp, each in (("Controllers", won), ("Agents", lost))
