@@ -101,7 +101,7 @@ function downloaded(blob, name) {
 // By the name that Python has: what is shown instead, and what it does in a phrase; the payload of the demo tells them.
 const NAMES = {};
 const OWN = { trained: "", tuned: ", tuned", "hand-tuned": ", hand-tuned", paper: ", paper's gains" };
-const FOUND = { tuned: "gains (settings) found by a search", "hand-tuned": "gains (settings) found by a person", paper: "gains (settings) of its paper" };
+const FOUND = { tuned: "gains (settings) found by a search", "hand-tuned": "gains (settings) found by a person or an older search", paper: "gains (settings) of its paper" };
 
 // A policy's label as it is shown.
 function called(label) {
