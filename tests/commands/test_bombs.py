@@ -13,12 +13,10 @@ from click.testing import CliRunner
 
 from wayfield.benchmarks.commands.submission import CARD, NEEDED, ROWS, signed
 from wayfield.benchmarks.commands.submit import verify
-from wayfield.benchmarks.entrants.own_policies import own_policy
-from wayfield.benchmarks.records.results import read_trajectories
-from wayfield.envs.scenarios import barn
 
 SMALL = 1_000_000  # bytes of a file
 LARGE = 100  # MiB that one unpacks to; of a table several times as much as objects
+PEAKS = Path(__file__).parents[1] / "oracles" / "peaks.py"  # a process that has what verify needs, and no more
 MOST = 200 << 20  # bytes of the process that verifies it
 ROW = dict.fromkeys(NEEDED, "0") | {"contest": "docking", "robot": "p3dx", "policy": "polar", "split": "test"}
 CODE = "0" * 64
@@ -98,30 +96,6 @@ def forged(file: Path) -> Path:
     return file
 
 
-def read_all(folder: Path) -> None:
-    """Reads every bomb of a folder; prints what was not refused in a line, and the most memory by then and at last."""
-    for each in sorted(folder.glob("*, *")):
-        done = CliRunner().invoke(verify, [str(each)])
-        if done.exit_code != 1 or done.stderr.count("\n") != 1 or str(each)[:40] not in done.stderr:
-            print(f"{each}: {done.output} {done.stderr} {done.exception}")
-    verified = peak()
-    readers = {"*.zip": lambda file: own_policy(str(file)), "*.gz": barn.read_cylinders}
-    readers["*.npz"] = lambda file: read_trajectories(file.parent)
-    for pattern, reader in readers.items():
-        for file in folder.rglob(pattern):
-            try:
-                reader(file)
-                print(f"{file} was read")
-            except ValueError as error:
-                print(*[f"{file}: {error}"] * ("\n" in str(error)), sep="", end="")
-    print(verified, peak(), sep="\n")
-
-
-def peak() -> int:
-    """Returns the most bytes that the process has taken; what resource.getrusage tells begins with the parent's."""
-    return int(Path("/proc/self/status").read_text().partition("VmHWM:")[2].split()[0]) << 10
-
-
 @pytest.mark.skipif(sys.platform != "linux", reason="the system tells of memory otherwise")
 def test_a_small_file_takes_no_large_memory(tmp_path: Path) -> None:
     submissions(tmp_path)
@@ -130,7 +104,7 @@ def test_a_small_file_takes_no_large_memory(tmp_path: Path) -> None:
     forged(archive(tmp_path / "forged.zip", "data", zipfile.ZIP_DEFLATED))
     (tmp_path / "run").mkdir()
     archive(tmp_path / "run" / "trajectories.npz", "00000/poses.npy", zipfile.ZIP_LZMA)
-    done = subprocess.run([sys.executable, __file__, tmp_path], capture_output=True, text=True, check=True)
+    done = subprocess.run([sys.executable, PEAKS, tmp_path], capture_output=True, text=True, check=True)
     *wrong, verified, read = done.stdout.splitlines()
     assert wrong == []
     assert int(verified) < MOST
@@ -142,12 +116,5 @@ def test_an_honest_entry_takes_no_large_memory() -> None:
     entry = Path(__file__).parents[2] / "docs" / "leaderboard" / "lqr_tuned"
     words = [str(entry), "--sample", "2"]
     assert "driven again" in CliRunner().invoke(verify, words).output  # which may compile
-    done = subprocess.run([sys.executable, __file__, *words], capture_output=True, text=True, check=True)
+    done = subprocess.run([sys.executable, PEAKS, *words], capture_output=True, text=True, check=True)
     assert int(done.stdout.splitlines()[-1]) < MOST
-
-
-if __name__ == "__main__":
-    if sys.argv[2:]:
-        print(CliRunner().invoke(verify, sys.argv[1:]).output, peak(), sep="")
-    else:
-        read_all(Path(sys.argv[1]))
