@@ -282,7 +282,7 @@ def _sentence(panel: Panel, match: Match) -> str:
     words = {
         EQUIVALENT: f"{{}} and {{}} are equivalent in {of} {{where}}",
         **dict.fromkeys((AHEAD, BEHIND), "{} is ahead of {}, but not significantly, {where}"),
-        OPEN: "{} and {} tie {where}",
+        OPEN: "neither {} nor {} is significantly better {where}",
     }.get(match.outcome, win)
     where = f"on {match.where}" if panel.unit == "mm" and words != panel.win else match.where
     return f"{words.format(*names, where=where)} ({numbers}){match.ppo}"
@@ -313,7 +313,7 @@ def _count(shown_panels: Sequence[Panel]) -> str:
     wins, losses = (str(len(each) or "none") for each in (won, lost))
     alike = outcomes.count(EQUIVALENT)
     ties = len(outcomes) - len(won) - len(lost) - alike
-    quick = [f"{each.where} the {each.sooner} is faster, but success is not equal" for each in matches if each.sooner]
+    quick = [f"{each.where} the {each.sooner} is faster, but success may differ" for each in matches if each.sooner]
     noted = f" ({'; '.join(quick)})" if quick else ""
     which = [
         f"{camp} win {_listed(each).replace(', on ', ', ')}. "
@@ -323,8 +323,8 @@ def _count(shown_panels: Sequence[Panel]) -> str:
     return (
         f"**Controllers win {wins} of {len(outcomes)} kinds of scenes, agents {losses}.** "
         + "".join(which)
-        + f"In {alike}, they are equivalent (within 1 point or 5 %). In {ties}, neither is significantly better in "
-        f"success or error after multiple-test correction{noted}."
+        + f"In {alike}, they are equivalent (success within 1 point, time and error within 5 %). In {ties}, "
+        f"neither is significantly better in success or error after multiple-test correction{noted}."
     )
 
 

@@ -607,9 +607,9 @@ def _sentences(tasks: Sequence[Contested]) -> str:
     return "\n".join(
         [
             *text,
-            f"\nEquivalent: within {MARGINS}. Tie: the 95 % interval of the difference contains 0. Not significantly: "
-            "it does not contain 0, but the corrected p is above 0.05. An agent may be first by a difference that is "
-            "not significant; [choosing](choosing.md) then names the controller.",
+            f"\nEquivalent: the 95 % interval of the difference lies within {MARGINS}. Tie: it does not, but contains "
+            "0. Not significantly: it does not contain 0, but the corrected p is above 0.05. An agent may be first by "
+            "a difference that is not significant; [choosing](choosing.md) then names the controller.",
         ]
     )
 
