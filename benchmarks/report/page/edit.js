@@ -3,7 +3,7 @@
 const TOOLS = { move: "move", disc: "disc", box: "box", wall: "wall", path: "path", remove: "delete" };
 const HINTS = { move: "Drag things; the small squares resize and turn them.", disc: "Click or tap where a disc is to stand; drag for a larger one.", box: "Click or tap where a box is to stand, or drag from corner to corner.",
   wall: "Click or tap where a wall is to stand, or drag from end to end.", path: "Draw a line in the picture: all controllers follow it when you let go.", remove: "Click or tap what is to go." };
-const AGAIN = { ...Object.fromEntries(["disc", "box", "wall"].map((each) => [each, `The run is computed anew, from the start. Click or tap for another ${each}.`])), path: "The grey band is the allowed width: leave it and the run ends. Tracks are drawn a few pixels apart. Draw another line as you like." };
+const AGAIN = { ...Object.fromEntries(["disc", "box", "wall"].map((each) => [each, `The run is computed anew, from the start. Click or tap for another ${each}.`])), path: "The grey band is the allowed width: leave it and the run ends. Tracks that lie on top of each other are moved a little apart. Draw another line as you like." };
 const BY_KEYS = " Arrow keys move the cross (Shift: farther), Enter starts, Enter again ends, Escape leaves.";
 const CLICKED = 0.3; // m, from the middle to the edges of what a click puts down
 const SPACING = 0.1; // m between the points of a drawn path
@@ -67,9 +67,9 @@ const shapeOf = {
 };
 
 // What has to be free and has a thing on it, in words; "" where the thing stands well.
-function standsOn(shape, { start, goal, starts = [], goals = [], waypoints = [] }, robot) {
+function standsOn(shape, { start, goal, starts = [], goals = [], waypoints = [], walks = [] }, robot) {
   const on = (pose) => pose && distanceTo(shape, pose[0], pose[1]) < (HULLS[robot] || 0.25);
-  return on(start) || starts.some(on) ? "where a robot starts" : on(goal) ? "on the star" : goals.some(on) ? "where another robot is to arrive" : waypoints.some(on) ? "on a place that robots must pass (a ring)" : "";
+  return on(start) || starts.some(on) ? "where a robot starts" : on(goal) ? "on the star" : goals.some(on) ? "where another robot is to arrive" : waypoints.some(on) ? "on a place that robots must pass (a ring)" : walks.some(([, x, y]) => on([x, y])) ? "where a person starts" : "";
 }
 
 class Editor {
@@ -78,6 +78,7 @@ class Editor {
     this.replay = drive.replay;
     this.tool = null;
     this.handle = null; // what was grabbed last
+    this.past = []; // the scenes before each change
     this.buttons = Object.fromEntries(Object.entries(TOOLS).map(([tool, text]) => [tool, button(text, (event) => {
       if (tool === "remove" && this.tool === "move" && this.handle && this.handle.kind === "obstacle") this.remove(); // the one that was chosen
       else this.take(this.tool === tool ? null : tool, !event.detail);
@@ -140,10 +141,10 @@ class Editor {
 
   // What the tool does, or nothing.
   tell(text) {
-    const { hint, world: { own } } = this.replay;
+    const { hint } = this.replay;
     hint.hidden = this.tool === null;
     hint.classList.toggle("long", `${text}${this.keys ? BY_KEYS : ""}`.length > 0.6 * LONG_LINE);
-    hint.replaceChildren(...(this.tool === null ? [] : [text + (this.keys ? BY_KEYS : ""), own && this.tool in shapeOf ? button("undo last", () => this.takeBack()) : null, button("done", () => this.done())].filter(Boolean)));
+    hint.replaceChildren(...(this.tool === null ? [] : [text + (this.keys ? BY_KEYS : ""), this.past.length ? button("undo last", () => this.takeBack()) : null, button("done", () => this.done())].filter(Boolean)));
   }
 
   // Where a path was to be drawn and was not, somebody drives in the scene that was there.
@@ -160,7 +161,7 @@ class Editor {
     if (dx || dy) {
       const [x, y] = this.cross || replay.view.centre;
       const step = (shiftKey ? 50 : 10) / replay.view.pixels;
-      this.cross = [x + step * dx, y + step * dy];
+      this.cross = replay.view.within([x + step * dx, y + step * dy]);
       this.drag(this.cross);
     } else if (key === "Escape") this.done();
     else if (key === "Enter" || key === " ") {
@@ -195,7 +196,7 @@ class Editor {
     if (replay.world === drive.original) return;
     replay.world = drive.world = drive.original;
     for (const actor of replay.actors) actor.ghost = false;
-    this.handle = null;
+    [this.handle, this.past] = [null, []];
     this.say("");
     if (this.about) replay.told_of.textContent = this.about;
     this.tell(HINTS[this.tool]);
@@ -204,18 +205,29 @@ class Editor {
     drive.race.tellScene();
   }
 
-  // Of the things that were put the last one goes, and it drives again.
+  // The scene is as it was before the last change, and it drives again.
   takeBack() {
-    this.handle = { kind: "obstacle", index: this.replay.world.obstacles.length - 1 };
-    this.remove();
-    const { drive, replay: { world } } = this;
-    if (["obstacles", "start", "goal", "waypoints"].every((field) => JSON.stringify(world[field]) === JSON.stringify(drive.original[field]))) this.undo();
-    this.tell(this.replay.world.own ? AGAIN[this.tool] : HINTS[this.tool]);
+    const { drive, replay } = this;
+    const world = this.past.pop();
+    if (world === drive.original) this.undo();
+    else {
+      replay.world = drive.world = world;
+      this.handle = null;
+      this.restarted();
+    }
+    this.tell(world.own && AGAIN[this.tool] || HINTS[this.tool]);
+    drive.race.tellScene();
+  }
+
+  // A change can be taken back; rows are never changed in place.
+  kept(world = this.replay.world) {
+    return world === this.drive.original ? world : Object.fromEntries(Object.entries(world).map(([field, value]) => [field, Array.isArray(value) && field !== "grid" ? [...value] : value]));
   }
 
   remove() {
     const { handle } = this;
     if (!handle || handle.kind !== "obstacle") return;
+    this.past.push(this.kept());
     this.change((world) => {
       if (handle.index >= world.obstacles.length - (world.own || 0)) world.own -= 1;
       world.obstacles.splice(handle.index, 1);
@@ -268,16 +280,17 @@ class Editor {
     }
     this.grabbed = point;
     this.line = [point];
-    this.before = structuredClone(replay.world);
+    this.before = this.kept();
     this.played = replay.playing;
     replay.toggle(false);
     replay.refresh();
     return true;
   }
 
-  drag([x, y]) {
+  // Nothing is led out of the picture.
+  drag(point) {
     if (!this.grabbed) return false;
-    this.to = [x, y];
+    const [x, y] = this.to = this.replay.view.within(point);
     if (this.tool === "path") {
       const [lx, ly] = this.line[this.line.length - 1];
       if (Math.hypot(x - lx, y - ly) > 3 / this.replay.view.pixels) this.line.push([x, y]);
@@ -358,6 +371,7 @@ class Editor {
     this.to = null;
     if (tool === "path") { this.follow(drawnPath(this.line)); return; }
     if (tool !== "move" && this.covers()) { this.replay.toggle(played); this.replay.refresh(); return; }
+    if (tool !== "move" || to) this.past.push(this.before);
     if (tool !== "move") {
       this.change((world) => {
         world.obstacles.push(this.made);
@@ -370,6 +384,7 @@ class Editor {
     this.restarted();
     if (tool === "move") {
       this.say(this.covered());
+      this.tell(HINTS.move);
       return;
     }
     this.ended();
@@ -387,7 +402,7 @@ class Editor {
     const { world, robot } = this.replay;
     if (world.kind === "dock") return ""; // it comes up to what stands there
     const standing = (world.obstacles || []).filter((_, k) => !((world.patrols || [])[k] || [])[4]);
-    const place = standing.map((each) => standsOn(each, world, robot)).find(Boolean);
+    const place = standing.map((each) => standsOn(each, { ...world, walks: [] }, robot)).find(Boolean);
     return place ? `An obstacle stands ${place}: planners find no way there.` : "";
   }
 
@@ -427,7 +442,7 @@ class Editor {
     const { drive, replay } = this;
     drive.clear();
     drive.world = drive.original = world;
-    this.handle = null;
+    [this.handle, this.past] = [null, []];
     if (own) picks.own();
     replay.show(world, replay.robot, [], about);
   }

@@ -100,6 +100,13 @@ class View {
     return [cx + (event.clientX - box.left - this.width / 2) / this.pixels, cy - (event.clientY - box.top - this.height / 2) / this.pixels];
   }
 
+  // The nearest place in the picture.
+  within([x, y]) {
+    const [cx, cy] = this.centre;
+    const [a, b] = [this.width, this.height].map((side) => Math.max(side / 2 - 12, 0) / this.pixels);
+    return [Math.min(Math.max(x, cx - a), cx + a), Math.min(Math.max(y, cy - b), cy + b)];
+  }
+
   zoomBy(factor, at) {
     const [cx, cy] = this.centre;
     const zoom = Math.min(Math.max(this.zoom * factor, this.least), 40);
