@@ -79,13 +79,10 @@ def state(
     }
     if unknown := [each for each in gains if each not in known]:
         raise ValueError(f"{policies[0]} has no slider for {', '.join(unknown)}; it has {', '.join(sorted(known))}")
-    conditions = {"actuators": "lagged", "disturbance": "none"}
-    runs = [
-        {"policy": each, **conditions} | ({"gains": gains} if gains and not k else {})
-        for k, each in enumerate(policies)
-    ]
-    told = {"v": 1, "robot": robot, **conditions, "policy": policies[0], "place": {"family": family, "seed": seed}}
-    return quote(json.dumps(told | {"runs": runs, "step": 0, "overlay": True, "embed": embed}, separators=(",", ":")))
+    runs = [{"policy": each} | ({"gains": gains} if gains and not k else {}) for k, each in enumerate(policies)]
+    told = {"v": 2, "robot": robot, "actuators": "lagged", "disturbance": "none", "policy": policies[0]}
+    told |= {"place": {"family": family, "seed": seed}, "runs": runs, "step": 0, "overlay": True, "embed": embed}
+    return quote(json.dumps(told, separators=(",", ":")))
 
 
 class Simulator(SphinxDirective):

@@ -41,7 +41,7 @@ ABSENT = (
 _CALM = {"actuators": "lagged", "disturbance": "none"}
 _SIDES = ("people_free (trained)", "dwa")
 OPENING = {
-    **{"v": 1, "robot": "omni3", **_CALM, "policy": _SIDES[0], "place": {"family": "people: lanes_24", "seed": 0}},
+    **{"v": 2, "robot": "omni3", **_CALM, "policy": _SIDES[0], "place": {"family": "people: lanes_24", "seed": 0}},
     **{"runs": [{"policy": each} for each in _SIDES], "step": 0, "beside": _SIDES[1]},
 }
 SENTENCE = "Above, a network that learned; below, a hand-written program: it crashes. Can you do better?"
@@ -137,7 +137,10 @@ SCENES = {
 # what the page calls each policy, and what it does, in a phrase
 NAMES = {
     "ppo": ("trained network (PPO)", "copied a controller, then learned by trial and error to drive alone"),
-    "people_free": ("trained network (people)", "learned by trial and error to correct ORCA among people"),
+    "people_free": (
+        "trained network (people)",
+        "learned by trial and error to correct ORCA, a rule that dodges people",
+    ),
     "team_guided": ("trained network (team)", "learned by trial and error to correct ORCA, which keeps it clear"),
     "team_scan": ("trained network (team, laser)", "learned by trial and error, sees by its laser alone"),
     "hybrid": ("planner with network", "a planner finds the way, a network drives along it"),
@@ -150,7 +153,7 @@ NAMES = {
     "apf_corrected": ("potential field", "the star pulls, obstacles push"),
     "social_force": ("social force", "the star pulls, people and walls push"),
     "orca": ("ORCA", "takes the nearest velocity that hits nothing for some seconds"),
-    "orca_team": ("ORCA", "dodges half way, as others are to do the other half"),
+    "orca_team": ("ORCA", "steps aside half as far as it must, and trusts others to do the rest"),
     "orca_team_map": ("ORCA with map", "dodges so along the shortest way on the map"),
     "waypoint": ("straight there", "goes straight to the pose, the slower the nearer"),
     "polar": ("polar steering", "lets distance and bearing to the pose decay together"),

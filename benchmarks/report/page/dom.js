@@ -2,7 +2,7 @@
 
 const SVG = "http://www.w3.org/2000/svg";
 const COLOURS = 9;
-const DASHES = ["", "7 4", "2 3", "8 3 2 3"];
+const DASHES = ["", "7 4", "2 3", "8 3 2 3", "12 3", "4 2", "8 3 2 3 2 3"];
 
 function fill(node, attributes, children) {
   for (const [name, value] of Object.entries(attributes || {})) {
@@ -31,7 +31,8 @@ function noted(text, { left, right, top, bottom }) {
   const { width, height } = note.getBoundingClientRect();
   const middle = Math.min(Math.max((left + right) / 2, width / 2 + 12), window.innerWidth - width / 2 - 12);
   if (top > height + 16 && bottom <= window.innerHeight) [note.style.left, note.style.top] = [`${middle}px`, `${top - height - 8}px`];
-  setTimeout(() => note.remove(), 12000);
+  for (const event of ["pointerdown", "wheel"]) document.addEventListener(event, () => note.remove(), { once: true }); // it is in nobody's way
+  setTimeout(() => note.remove(), 8000);
   say(text);
 }
 
@@ -54,7 +55,7 @@ function colourName(label) {
   return `--c${rank(label) < COLOURS ? rank(label) : nth + (nth < YOURS ? 0 : 1)}`;
 }
 const colourOf = (label) => `var(${colourName(label)})`;
-const dashOf = (label) => DASHES[Math.max(Math.floor((rank(label) - 1) / (COLOURS - 1)), 0) % DASHES.length];
+const dashOf = (label, twin = false) => DASHES[(Math.max(Math.floor((rank(label) - 1) / (COLOURS - 1)), 0) + twin) % DASHES.length]; // a second run of it has another
 
 let inks = null;
 function ink(name) {
@@ -87,9 +88,9 @@ function wireTheme() {
   });
 }
 
-function swatch(label) {
+function swatch(label, twin) {
   return draw("svg", { viewBox: "0 0 30 12", class: "swatch", "aria-hidden": "true" },
-    draw("line", { x1: 1, y1: 6, x2: 29, y2: 6, stroke: colourOf(label), "stroke-width": 4, "stroke-dasharray": dashOf(label) }));
+    draw("line", { x1: 1, y1: 6, x2: 29, y2: 6, stroke: colourOf(label), "stroke-width": 4, "stroke-dasharray": dashOf(label, twin) }));
 }
 
 function downloaded(blob, name) {
@@ -116,4 +117,6 @@ const aboutOf = (label) => {
   return [(NAMES[base] || ["", ""])[1], FOUND[gains.slice(0, -1)]].filter(Boolean).join("; ");
 };
 
+// Metres in mm: a hundredth is the least that is told.
+const millimetres = (value) => (value < 0.01 ? (1000 * value).toFixed(2) : short(1000 * value));
 const short = (value, digits = 3) => (value === null || Number.isNaN(value) ? "" : Number(value.toPrecision(digits)).toString());

@@ -54,13 +54,13 @@ class Draws {
     const robot = drive ? drive.robot.value : "p3dx";
     const world = fitted(this.families.get(this.family.value)[Number(this.seed.value)], HULLS[robot]);
     this.seed.parentElement.hidden = false;
-    if (drive) {
-      drive.clear();
-      drive.editor.take(null);
-    }
-    this.replay.show(world, robot, [], `${world.walks ? `${ABOUT_BODIES[world.kind]} ` : ""}${(world.patrols || []).some(([, , , , time]) => time > 0) ? "Grey discs are obstacles; those with a dashed line move along it. " : ""}`);
-    if (!drive || this.silent) return;
-    drive.go(false);
+    const change = () => {
+      if (drive) drive.editor.take(null);
+      this.replay.show(world, robot, [], `${world.walks ? `${ABOUT_BODIES[world.kind]} ` : ""}${(world.patrols || []).some(([, , , , time]) => time > 0) ? "Grey discs are obstacles; those with a dashed line move along it. " : ""}`);
+    };
+    if (drive && !this.silent) { drive.anew(THERE, change); return; }
+    if (drive) drive.clear();
+    change();
   }
 
   // A scene that is none of these: drawn, or from a file.

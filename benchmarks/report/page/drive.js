@@ -10,6 +10,7 @@ const IDLE = 14; // ms at a time while nothing plays
 const AHEAD = 3000; // ms to catch up at once
 const [OUT, LOST] = [3, 12]; // s: out of the scene without coming nearer, in it without coming nearer than ever
 const QUIET = 1500; // ms after a run by hand
+const THERE = "in this scene";
 const JAM = 10; // s: who stands still at least so long until the time is over is stuck
 const UNENDED = { crashed: 0, stuck: Infinity, end: "", there: false }; // of a run: steps, words, whether its first robot of a team arrived
 const LEAD = 40; // steps that all who drive are ahead of the picture
@@ -51,11 +52,11 @@ class Drive {
       const box = el("select", { "aria-label": label, on: { change } }, options.map((each) => el("option", { value: each }, MOTORS[each] || bodies[each] || each.replace(/^delay_(\d+)$/, (_, count) => `delay of ${count} control period${count > 1 ? "s" : ""} (${short(count * DT)} s)`).replace("_", " "))));
       return [box, el("label", {}, label, box)];
     };
-    const [who] = select("who drives", [], () => this.chosenPolicy());
-    const [from, fromLabel] = select("begin at", ["the start", "this moment of the chosen robot"]);
+    const [who, whoLabel] = select("another robot", [], () => this.chosenPolicy());
+    const [from, fromLabel] = select("the next robot begins at", ["the start", "this moment of the chosen robot"]);
     const [robot, robotLabel] = select("robot", robotsOf(kernels), () => { this.picked = true; this.embody(); });
-    const [tier, tierLabel] = select("motors", kernels.tables.tiers, () => this.offer());
-    const [disturbance, disturbanceLabel] = select("disturbance", Object.keys(kernels.tables.disturbances));
+    const [tier, tierLabel] = select("motors", kernels.tables.tiers, () => this.anew("with these motors"));
+    const [disturbance, disturbanceLabel] = select("disturbance", Object.keys(kernels.tables.disturbances), () => this.anew());
     Object.assign(this, { who, from, robot, tier, disturbance });
     tier.value = "lagged";
     this.goButton = button("add this one", () => this.go());
@@ -64,7 +65,7 @@ class Drive {
     this.result = el("p", { class: "note result", role: "status" });
     this.cannot = el("p", { class: "note" });
     this.about = el("p", { class: "note about" });
-    this.choice = el("div", { class: "choice" }, who, el("div", { class: "whole" }, this.goButton, this.allButton, this.handButton));
+    this.choice = el("div", { class: "choice" }, whoLabel, el("div", { class: "whole" }, this.goButton, this.allButton, this.handButton));
     this.pad = el("div", { class: "pad", hidden: true, role: "group", "aria-label": "drive by hand" });
     replay.quick.append(this.choice, this.pad, this.result, this.about);
     this.named = el("p", { class: "note" });
@@ -74,7 +75,8 @@ class Drive {
     this.editor = new Editor(this);
     this.gains = new Gains(this);
     this.looks = new Looks(this);
-    if (free) for (const label of [...replay.told.demo.opening.runs.map(({ policy }) => policy), KEYBOARD, FRIEND, "ppo (trained)", ...RIVALS]) rank(label); // each has its colour
+    const labels = Object.keys(kernels.tables.pilots).map((key) => key.split(" ").slice(3).join(" ")).reverse().sort((a, b) => a.includes("(") - b.includes("("));
+    if (free) for (const label of [...replay.told.demo.opening.runs.map(({ policy }) => policy), KEYBOARD, FRIEND, "ppo (trained)", ...RIVALS, ...labels]) rank(label); // each has its colour, in every tab and for a friend
     this.sheets = {}; // data sheets of robots of one's own, by name
     this.scenes = 0; // changes of the scene so far
     this.share = new Share(this);
@@ -155,7 +157,7 @@ class Drive {
   // Which policies can drive here, and which cannot and why.
   offer() {
     const { replay, who } = this;
-    if (replay.world !== this.world) { this.world = this.original = replay.world; this.clear(); }
+    if (replay.world !== this.world) { this.world = this.original = replay.world; this.editor.past = []; this.clear(); }
     this.robot.value = replay.robot;
     for (const each of this.robot.options) each.disabled = !robotsOf(this.kernels, this.task).includes(each.value); // too large for these scenes
     const told = replay.chosen && replay.chosen.told;
@@ -210,12 +212,43 @@ class Drive {
   // Another robot drives: what a hull docks at comes up to it.
   embody() {
     const { replay } = this;
-    const world = fitted(replay.world, HULLS[this.robot.value]);
-    replay.robot = this.robot.value;
+    this.anew("with this robot", () => {
+      const world = fitted(replay.world, HULLS[this.robot.value]);
+      replay.robot = this.robot.value;
+      if (world !== replay.world) this.world = this.original = world;
+      replay.show(world, replay.robot, [], replay.told_of.textContent);
+    });
+  }
+
+  // What was chosen takes effect at once: all who drive start again, in the pictures that there were, and who cannot is told; what was driven by hand goes.
+  anew(where = "", change = () => {}) {
+    const { replay, gains, drives, replay: { world, chosen, other }, looks: { on } } = this;
+    const was = this.runs.filter(({ reference, asked: { label } }) => !reference && ![KEYBOARD, FRIEND].includes(label));
     this.clear();
-    if (world !== replay.world) this.world = this.original = world;
-    replay.show(world, replay.robot, [], replay.told_of.textContent);
-    this.go(false);
+    change();
+    gains.values = {};
+    this.offer();
+    const able = this.able();
+    const now = new Map();
+    for (const { actor, asked } of was) {
+      if (!able.includes(asked.label) || (asked.from && replay.world !== world)) continue;
+      const run = this.add({ ...asked, gains: gains.kept(asked) }, false);
+      run.actor.hidden = actor.hidden;
+      now.set(actor, run.actor);
+      gains.tell(run);
+    }
+    gains.key = null; // its sliders are laid anew
+    if (now.size) {
+      replay.choose(now.get(chosen) || replay.actors.find((actor) => !actor.told));
+      replay.split(now.get(other));
+      replay.seek(0);
+      this.catchUp();
+      replay.toggle(true);
+    } else if (this.free && !replay.blank) this.go(false);
+    const gone = was.filter(({ actor }) => !now.has(actor)).map(({ actor }) => actor.label);
+    if (gone.length) this.result.textContent = `${gone.length > 2 ? `${gone.length} of the robots` : gone.join(" and ")} cannot drive ${where}${now.size ? "" : `: ${called(this.who.value)} drives`}.`;
+    if (on) this.looks.turn(true);
+    if (drives && where !== THERE) this.race.start();
   }
 
   conditions() {
@@ -248,16 +281,14 @@ class Drive {
     this.wake();
   }
 
-  // Adds a run of a policy; the one that it had under the same conditions goes.
+  // Adds a run of a policy; the one that it had from the start goes.
   add({ label, from = null, step = 0, gains = {}, reference = false, tape = [] }, choose = true) {
     const { replay } = this;
     const conditions = this.conditions();
-    const same = (run) => run.asked.label === label && Boolean(run.reference) === reference && !from && !run.asked.from && JSON.stringify(run.asked.conditions) === JSON.stringify(conditions);
-    this.forget(this.runs.find(same), true);
-    const other = this.runs.some((run) => run.asked.label === label && !reference);
-    const about = [other && conditions.actuators, other && conditions.disturbance !== "none" && conditions.disturbance, reference && "untouched"].filter(Boolean).join(", ");
+    this.forget(this.runs.find((run) => run.asked.label === label && Boolean(run.reference) === reference && !from && !run.asked.from), true);
+    const about = reference ? "untouched" : from && label !== KEYBOARD ? `from ${(step * DT).toFixed(2)} s` : "";
     const kept = from && { ...from, x: Array.from(from.x).slice(0, step + 3), y: Array.from(from.y).slice(0, step + 3), heading: Array.from(from.heading).slice(0, step + 3), others: (from.others || []).map(({ x, y }) => ({ x: x.slice(0, step + 3), y: y.slice(0, step + 3) })), error: from.error && Array.from(from.error).slice(0, step + 3) };
-    const actor = { version: 0, policy: label, label: about ? `${called(label)}, ${about}` : called(label), outcome: "", note: "", robot: conditions.robot, ghost: false };
+    const actor = { version: 0, policy: label, label: about ? `${called(label)}, ${about}` : called(label), outcome: "", note: "", robot: conditions.robot, ghost: false, twin: Boolean(about) };
     const run = { asked: { label, from: kept, step, conditions, gains }, actor, pending: label !== KEYBOARD, reference, tape };
     this.placed(run);
     this.runs.push(run);
@@ -414,6 +445,7 @@ class Drive {
 
   clear() {
     this.share.told.textContent = "";
+    this.replay.cut();
     this.looks.turn(false);
     this.abort();
     this.endHand();
@@ -536,7 +568,7 @@ class Drive {
   }
 
   // How a run ended that did not arrive: of a team how many robots crashed, and who stood still for the rest of the time.
-  ending(target, { alive, ends }) {
+  ending(run, target, { alive, ends }) {
     const last = target.x.length - 1;
     const still = ({ x, y }) => {
       let k = last;
@@ -549,17 +581,23 @@ class Drive {
     const stuck = since.length ? Math.max(...since) : Infinity;
     const parts = [[all > 1 && crashed, `crashed${crashed > 1 ? ", the first" : ""} after`, target.crashed], [since.length, "stuck since", stuck]].filter(([count]) => count);
     const told = parts.map(([count, how, k], nth) => `${all === 1 ? "" : count === all ? `all ${all} robots ` : `${count}${nth ? "" : ` of ${all} robots`} `}${how} ${(k * DT).toFixed(2)} s`);
-    return { there: ends[0] === "success", stuck: crashed ? Infinity : stuck, end: told.join("; ") };
+    return { there: ends[0] === "success", stuck: crashed ? Infinity : stuck, end: `${all === 1 && stuck === 0 && this.lost(run) ? "finds no way wide enough: " : ""}${told.join("; ")}` };
+  }
+
+  // Whether it plans its way, and there is none.
+  lost(run) {
+    const { look } = this.looks.run(run.actor) || {};
+    return Boolean(look) && look.kind === "way" && this.jobs.get(run).pilot.look().every(Number.isNaN);
   }
 
   finish(run, target, outcome, simulator) {
     const { actor } = run;
     if (target !== actor) Object.assign(actor, target, { version: actor.version + 1 });
-    Object.assign(actor, { outcome }, outcome === "success" || run.tape.length ? {} : this.ending(actor, simulator));
+    Object.assign(actor, { outcome }, outcome === "success" || run.tape.length ? {} : this.ending(run, actor, simulator));
     if (outcome === "timeout" && actor.stuck < Infinity) actor.outcome = outcome = "stuck";
     run.pending = actor.stale = false;
     run.measures = this.measured(actor);
-    actor.note = [run.exact, !actor.end && `${run.measures.time.toFixed(2)} s`, run.measures.error === null || outcome !== "success" ? "" : `typically ${short(1000 * run.measures.error)} mm off`].filter(Boolean).join(", ");
+    actor.note = [run.exact, !actor.end && `${run.measures.time.toFixed(2)} s`, run.measures.error === null || outcome !== "success" ? "" : `typically ${millimetres(run.measures.error)} mm off`].filter(Boolean).join(", ");
     if (run === this.hand) {
       if (this.replay.leads) this.replay.whole();
       this.quiet = performance.now() + QUIET;

@@ -73,23 +73,36 @@ class Gains {
     if (crossed) return;
     if (value === base) delete mine[name];
     else mine[name] = value;
-    const changed = Object.keys(mine).length > 0;
     let run = drive.runs.find((each) => each.asked.label === label && !each.reference && !each.asked.from);
     if (!run) run = drive.add({ label });
     run.asked.gains = { ...mine };
-    run.actor.gains = run.asked.gains;
-    run.over = changed;
-    const untouched = drive.runs.find((each) => each.asked.label === label && each.reference);
-    if (changed && !untouched) {
-      drive.add({ label, reference: true }, false);
-      drive.replay.actors[drive.replay.actors.length - 1].ghost = false;
-    }
-    if (!changed && untouched) drive.forget(untouched, true);
+    this.tell(run);
     drive.abort(run);
     run.pending = true;
     drive.replay.choose(run.actor);
     drive.catchUp();
     this.compare();
+  }
+
+  // A run has the gains that it was asked for; where they are one's own, the untouched run is beside it.
+  tell(run) {
+    const { drive } = this;
+    const { label, gains } = run.asked;
+    run.actor.gains = gains;
+    run.over = Object.keys(gains).length > 0;
+    if (run.over) this.values[label] = { ...gains };
+    const untouched = drive.runs.find((each) => each.asked.label === label && each.reference);
+    if (run.over && !untouched) drive.add({ label, reference: true }, false);
+    if (!run.over && untouched) drive.forget(untouched, true);
+  }
+
+  // One's own gains of a run, where its policy can have them under what is chosen now.
+  kept({ label, gains }) {
+    try {
+      return checkedGains(gains, this.recipe(label));
+    } catch {
+      return {};
+    }
   }
 
   setAll(values) {
@@ -125,16 +138,16 @@ class Gains {
     const [mine, base] = [false, true].map((reference) => drive.runs.find((run) => run.asked.label === label && Boolean(run.reference) === reference && !run.asked.from));
     this.deltas.replaceChildren();
     if (!mine || !base || !mine.measures || !base.measures) return;
-    const row = (name, unit, factor, key, lower) => {
+    const row = (name, unit, written, key, lower) => {
       const [a, b] = [base.measures[key], mine.measures[key]];
       if (a === null || b === null) return null;
-      const delta = factor * (b - a);
-      const judged = lower === null || Math.abs(delta) < 1e-9 ? "" : (delta < 0) === lower ? "better" : "worse";
-      return el("tr", {}, el("th", { scope: "row" }, name), el("td", {}, `${short(factor * a)} ${unit}`), el("td", {}, `${short(factor * b)} ${unit}`),
-        el("td", { class: judged }, `${delta > 0 ? "+" : delta < 0 ? "−" : "±"}${short(Math.abs(delta))}`));
+      const [delta, told] = [b - a, written(Math.abs(b - a))];
+      const judged = lower === null || !Number(told) ? "" : (delta < 0) === lower ? "better" : "worse";
+      return el("tr", {}, el("th", { scope: "row" }, name), el("td", {}, `${written(a)} ${unit}`), el("td", {}, `${written(b)} ${unit}`),
+        el("td", { class: judged }, `${!Number(told) ? "±" : delta > 0 ? "+" : "−"}${told}`));
     };
     this.deltas.append(el("thead", {}, el("tr", {}, ["", "untouched", "now", "change"].map((each) => el("th", { scope: "col" }, each)))),
       el("tbody", {}, el("tr", {}, el("th", { scope: "row" }, "outcome"), el("td", {}, OUTCOMES[base.measures.outcome]), el("td", {}, OUTCOMES[mine.measures.outcome]), el("td", {})),
-        row("error", "mm", 1000, "error", true), row("time", "s", 1, "time", true), row("speed", "m/s", 1, "speed", null), row("clearance", "m", 1, "clearance", false)));
+        row("error", "mm", millimetres, "error", true), ...[["time", "s", true], ["speed", "m/s", null], ["clearance", "m", false]].map(([name, unit, lower]) => row(name, unit, (value) => short(value), name, lower))));
   }
 }

@@ -187,8 +187,8 @@ const LOOKS = {
 
 // The overlay of a trained agent: what its guard or its base makes of what it wanted, or it of what that asks for.
 function guardOf({ guard, base, fill_bodies_scales: scales }) {
-  if (guard) return { kind: "guard", title: "what it wants (red, dashed), and what its safety check leaves (violet)", numbers: guard };
-  return base && { kind: "guard", title: base.guards ? "what it wants (red, dashed), and what ORCA leaves (violet)" : "what ORCA alone would do (red, dashed), and with what the network adds (violet)", numbers: scales };
+  if (guard) return { kind: "guard", title: "red, dashed: what it wants; violet: what its safety check leaves of it", numbers: guard };
+  return base && { kind: "guard", title: base.guards ? "red, dashed: what it wants; violet: what ORCA, a rule that dodges, leaves of it" : "red, dashed: ORCA, a rule that dodges, alone; violet: as the network corrects it", numbers: scales };
 }
 
 // Beside the picture's own runs, in a memory of its own: what is drawn changes nothing of what is driven.
@@ -310,7 +310,7 @@ class Looks {
   tell(found) {
     const { replay, replay: { other } } = this;
     const shown = [found, other && this.run(other)].filter(Boolean); // of either pane
-    const told = [...new Set(shown.map(({ run, look }) => `${run.actor.label}: ${look.title}`))].join("; ");
+    const told = [...new Set(shown.map(({ run, look }) => `${run.actor.label}: ${look.title}`))].join(". ");
     this.button.disabled = !shown.length; // nor has the hand any that could be drawn
     const hand = !told && replay.actors.length > 1 && replay.chosen && [KEYBOARD, FRIEND].includes(replay.chosen.policy);
     this.button.dataset.why = hand ? "choose a rival first" : "";

@@ -10,7 +10,9 @@ function verdict() {
     [...document.querySelectorAll("#summary > p:not(.note)")].map((each) => each.cloneNode(true)));
 }
 
-function showTab(name) {
+// A part of the page; the browser's Back leads from it to the one before.
+function showTab(name, enters = Boolean(document.body.dataset.tab)) {
+  if (enters && name !== document.body.dataset.tab) history.pushState({ ...history.state, tab: name }, "");
   document.body.dataset.tab = name;
   for (const each of byId("tabs").children) {
     if (each.dataset.to === name) each.setAttribute("aria-current", "page");
@@ -24,6 +26,7 @@ function wireTabs(tabs) {
   byId("tabs").append(...able.map(([name, text]) => button(text, () => showTab(name), { "data-to": name })));
   byId("tabs").hidden = false;
   showTab(able[0][0]);
+  window.addEventListener("popstate", ({ state }) => showTab((state && state.tab) || able[0][0], false));
 }
 
 // What the page opens on, and what its title leads back to.

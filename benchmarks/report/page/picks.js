@@ -59,7 +59,7 @@ class Picks {
       const nth = (seen.get(each.policy) || 0) + 1;
       seen.set(each.policy, nth);
       const label = each.agent !== "" ? `${each.policy}, seed ${each.agent}` : many.get(each.policy) > 1 ? `${each.policy}, run ${nth}` : each.policy;
-      const cost = each.error !== undefined ? `typically ${short(1000 * each.error)} mm off, ` : "";
+      const cost = each.error !== undefined ? `typically ${millimetres(each.error)} mm off, ` : "";
       return { ...drive, policy: each.policy, label, outcome: each.outcome, note: `${cost}${each.time.toFixed(2)} s`, robot: each.robot, told: each,
         hidden: each.agent !== "" && nth > 1 };
     });

@@ -56,7 +56,7 @@ class Race {
     if (this.challenges.length) this.lay();
     document.addEventListener("keydown", (event) => {
       const key = event.key.toLowerCase();
-      const act = key === "r" ? (this.drive.hand || this.watched || !this.card.hidden) && (() => this.again()) : key === "escape" && !this.card.hidden && (() => this.close());
+      const act = key === "r" ? (this.drive.hand || this.watched || !this.card.hidden) && (() => this.again()) : !this.card.hidden && (key === "escape" ? () => this.close() : key === "enter" && event.target.tagName !== "BUTTON" && (() => this.card.querySelector(".go").click()));
       if (!act || event.ctrlKey || event.metaKey || event.altKey || /INPUT|SELECT/.test(event.target.tagName)) return;
       event.preventDefault();
       act();
@@ -86,13 +86,13 @@ class Race {
     this.large[0].textContent = !this.opening ? "Race it" : this.due ? `Go on: challenge ${this.due + 1}` : "Start easy: challenge 1";
     this.large.forEach((button, k) => button.setAttribute("aria-pressed", Boolean(modes[k])));
     const friend = replay.actors.find(({ policy }) => policy === FRIEND);
-    const text = hand ? this.asked(run) : this.run ? "Try again, take another challenge, or send a friend your run." : friend ? (friend.own ? "This is your last run: can you beat it?" : "A friend sent you this run: race it, or watch it first.") : this.sent ? this.came() : this.opening ? demo.sentence : this.closest() || ABOUT;
+    const text = hand ? this.asked(run) : this.run ? `Try again, ${this.run.actor.outcome === "success" ? "take another challenge, or send a friend your run" : "or take another challenge"}.` : friend ? (friend.own ? "This is your last run: can you beat it?" : "A friend sent you this run: race it, or watch it first.") : this.sent ? this.came() : this.opening ? demo.sentence : this.closest() || ABOUT;
     this.headline(text);
-    const here = this.opening ? this.challenges.findIndex(({ family, seed }) => family === demo.opening.place.family && seed === demo.opening.place.seed) : -1;
-    if (here >= 0) this.sentence.append(" ", button(`race this scene (challenge ${here + 1})`, () => this.open(here)));
-    this.number.value = this.now < 0 || this.opening ? "" : String(this.now);
+    const here = this.now;
+    if (this.opening) this.sentence.append(" ", button(`race this scene (challenge ${here + 1})`, () => this.open(here)));
+    this.number.value = here < 0 || this.opening ? "" : String(here);
     const verdict = !editor.stays ? "" : editor.tool === "path" ? this.closest() : world.own ? this.verdict() : "";
-    if (verdict) editor.tell(`${verdict} ${editor.tool === "path" ? "Tracks are drawn a few pixels apart." : `Click or tap for another ${editor.tool}.`}`);
+    if (verdict) editor.tell(`${verdict} ${editor.tool === "path" ? "Draw another line as you like." : `Click or tap for another ${editor.tool}.`}`);
     else if (this.told) editor.tell((editor.tool === "path" ? AGAIN : HINTS)[editor.tool] || "");
     this.told = verdict; // it goes as the end of the runs leaves the picture
   }
@@ -113,8 +113,9 @@ class Race {
 
   // Whether there is still what the page opened on: too hard for a first race.
   get opening() {
-    const { told: { demo }, world, other } = this.replay;
-    return Boolean(other) && !this.drive.hand && `${world.kind}: ${world.family}` === demo.opening.place.family;
+    const { told: { demo: { opening } }, other } = this.replay;
+    const { family, seed } = this.challenges[this.now] || {};
+    return Boolean(other) && !this.drive.hand && other.policy === opening.beside && family === opening.place.family && seed === opening.place.seed;
   }
 
   // What the hand is to do; once nobody else is on the way, how to begin anew.
@@ -170,7 +171,7 @@ class Race {
     const { limits, replay } = this;
     if (!limits) return "";
     const [gold, silver, bronze] = limits.map((each) => replay.scored(each));
-    return limits[0] < Infinity ? `Gold ${gold} (${replay.byError ? "closest" : "quickest"} rival), silver ${silver} (half way), bronze ${bronze} (${WITHIN} × gold${replay.byError ? "" : ", rounded up"}).` : "No rival arrives: any finish is gold.";
+    return limits[0] < Infinity ? `Gold ${gold} (${replay.byError ? "closest" : "quickest"} rival), silver ${silver} (half way from gold to bronze), bronze ${bronze} (${WITHIN} × gold${replay.byError ? "" : ", rounded up to a whole second"}).` : "No rival arrives: any finish is gold.";
   }
 
   // The first challenge without a medal.
@@ -211,7 +212,7 @@ class Race {
     const { replay, drive: { runs } } = this;
     if (!replay.byError || replay.world.name !== "drawn" || runs.length < 2 || !this.done) return "";
     const there = runs.filter(({ actor }) => actor.outcome === "success").sort((a, b) => a.measures.error - b.measures.error);
-    return there.length ? `Closest to your line: ${replay.nameOf(there[0].actor)}, typically ${short(1000 * there[0].measures.error)} mm off. ${there.length} of ${runs.length} arrived.` : "None got to the end of your line.";
+    return there.length ? `Closest to your line: ${replay.nameOf(there[0].actor)}, typically ${millimetres(there[0].measures.error)} mm off. ${there.length} of ${runs.length} arrived.` : "None got to the end of your line.";
   }
 
   get best() {
@@ -429,7 +430,7 @@ class Race {
     while (run.pending) this.drive.pump(1); // who is looked at goes first
     const [eased, { own }] = [easedBy(run), this.replay.world];
     const who = run.actor.own ? "last run" : "friend";
-    this.say(this.ended(run, `${run.actor.own ? "You" : "A friend"} ${(ENDED[run.actor.outcome] || "drove for").toLowerCase()}`), eased ? el("p", {}, `driven ${eased}`) : null, own ? el("p", {}, `with ${things(own)} placed in the way`) : null, el("p", {}, ["success", ""].includes(run.actor.outcome) ? "Can you do better?" : "Can you arrive?"),
+    this.say(this.ended(run, `${run.actor.own ? "You" : "A friend"} ${(ENDED[run.actor.outcome] || "drove for").toLowerCase()}`), eased ? el("p", {}, `driven ${eased}`) : null, own ? el("p", {}, `with ${things(own)} placed in the way`) : null, el("p", { class: "asks" }, ["success", ""].includes(run.actor.outcome) ? "Can you do better?" : "Can you arrive?"),
       el("div", { class: "files" }, button(`Race your ${who}${coarse() ? "" : " (R)"}`, () => this.again(), { class: "go" }), button("watch first", () => {
         this.close();
         this.watched = run;

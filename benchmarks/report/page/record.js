@@ -73,6 +73,7 @@ function recordButton(replay) {
     };
     recorder = new MediaRecorder(film.captureStream(), { mimeType: "video/webm", videoBitsPerSecond: FILM.bits });
     replay.filmed = frame;
+    replay.cut = () => { if (recorder && !armed && !stopped) stop(); };
     replay.holds = () => {
       const now = performance.now();
       if (count - held - lost <= BEHIND) changed = now;

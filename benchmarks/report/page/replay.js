@@ -41,6 +41,7 @@ class Replay {
     this.races = () => false; // whether a hand drives against the others
     this.poised = () => false; // whether the clock waits for the hand's first press
     this.halts = () => {}; // the picture was stopped
+    this.cut = () => {}; // another scene begins, which is no part of a film
     this.aim = () => 0; // the first of the rings on the way that is drawn
     this.edge = null; // of the scene, for a hand that is beyond it
     this.holds = () => false; // whether it waits for a film
@@ -289,14 +290,14 @@ class Replay {
     return Boolean(actor.told) || actor.seen === actor.version || !this.spoils();
   }
 
-  // Whether the picture shows it before its end; one's own run is known.
+  // Whether the picture shows it before its end.
   underWay(actor) {
-    return actor.policy !== KEYBOARD && this.step < actor.x.length - 1;
+    return this.step < actor.x.length - 1;
   }
 
   // What the list tells of the moment and of the ends of runs.
   get endings() {
-    return [this.step > 0, ...this.actors].map((actor) => (this.tells(actor) ? (this.underWay(actor) ? 1 : 2) : 0)).join();
+    return [this.step > 0, ...this.actors.map((actor) => (this.tells(actor) ? (this.underWay(actor) ? 1 : 2) : 0))].join();
   }
 
   // What runs are compared by, here, on a card and for medals: along a path by their error, as in the tables, a race by hand by time as all else.
@@ -316,7 +317,7 @@ class Replay {
 
   // And in words.
   scored(score) {
-    return this.byError ? `${short(1000 * score)}\u00a0mm off` : `${score.toFixed(2)}\u00a0s`;
+    return this.byError ? `${millimetres(score)}\u00a0mm off` : `${score.toFixed(2)}\u00a0s`;
   }
 
   result(actor) {
@@ -347,7 +348,8 @@ class Replay {
 
   listActors() {
     const order = this.ranked(this.actors);
-    const own = this.world.bodies && !this.other ? [el("br"), `Each robot has its own ${companyOf(this.world)}; the chosen robot's is drawn, and the other robots are pale.`] : [];
+    const drawn = this.world.bodies && !this.other && this.company(this.chosen, this.actors.filter(({ hidden }) => !hidden));
+    const own = drawn ? [el("br"), `Each robot has its own ${companyOf(this.world)}; that of ${this.nameOf(drawn)} is drawn, and the other robots are pale.`] : [];
     const sorted = `${order.some((actor) => this.tells(actor)) ? "The" : "At the end the"} ${this.byError ? "closest to the line" : "fastest"} comes first.`;
     this.order.replaceChildren(...(order.length < 2 ? [] : [sorted, ...own]));
     this.offerPanes();
@@ -357,8 +359,8 @@ class Replay {
         on: { change: () => { actor.hidden = !shown.checked; this.refresh(true); } } });
       const ended = this.tells(actor);
       const bad = ended && actor.outcome !== "success";
-      const note = [ended ? `${this.underWay(actor) ? `${this.step ? "driving; " : ""}at the end: ` : ""}${actor.end || OUTCOMES[actor.outcome]}` : this.step && this.step >= actor.x.length - 1 && this.waits(actor) ? "being computed" : this.target(actor) || this.failing(actor) || (!actor.outcome && actor.note) || (this.playing || this.step ? "driving" : "at the start"), ended ? actor.note : "", actor.ghost ? "recorded in the scene as it was" : ""].filter(Boolean).join(", ");
-      return el("li", { "data-chosen": actor === this.chosen ? "yes" : "no" }, shown, swatch(actor.policy),
+      const note = [ended ? `${this.underWay(actor) ? `${this.step && actor.policy !== KEYBOARD ? "driving; " : ""}at the end: ` : ""}${actor.end || OUTCOMES[actor.outcome]}` : this.step && this.step >= actor.x.length - 1 && this.waits(actor) ? "being computed" : this.target(actor) || this.failing(actor) || (!actor.outcome && actor.note) || (this.playing || this.step ? "driving" : "at the start"), ended ? actor.note : "", actor.ghost ? "recorded in the scene as it was" : ""].filter(Boolean).join(", ");
+      return el("li", { "data-chosen": actor === this.chosen ? "yes" : "no" }, shown, swatch(actor.policy, actor.twin),
         button(this.nameOf(actor), () => this.choose(actor), { class: "name", "aria-label": actor.label, "aria-pressed": actor === this.chosen, title: aboutOf(actor.policy) }),
         button("×", () => this.takeOut(actor), { class: "drop-out", "aria-label": `take out ${actor.label}`, title: "take this run out" }),
         el("small", { class: bad ? "bad" : "" }, note));
@@ -457,7 +459,7 @@ class Replay {
     for (const actor of new Set([chosen, top])) if (actor) drawActor(context, actor, step, hull, pixel, how(actor));
     if (!this.blank) drawStars(context, world, pixel);
     if (this.leads) drawWay(context, view, world, pixel, at(top));
-    const named = [...new Set([top, chosen, ...actors])].filter(Boolean).map((actor) => ({ ...actor, top: actor === top, name: `${this.nameOf(actor)}${step >= actor.stuck ? `: stuck since ${(actor.stuck * DT).toFixed(2)} s` : ""}` }));
+    const named = [...new Set([top, chosen, actors.find(({ policy }) => policy === FRIEND), ...actors])].filter(Boolean).map((actor) => ({ ...actor, top: actor === top, name: `${this.nameOf(actor)}${step >= actor.stuck ? `: ${actor.end}` : ""}` }));
     if (named.length > 1 || named.some(({ stuck }) => step >= stuck)) drawNames(context, view, named, step, hull, pixel, company ? bodiesAt(world, company, step, hull) : [], this.blank ? [] : [...obstaclesAt(world, step * DT), ...[starOf(world)].filter(Boolean).map(([x, y]) => [x, y, 1, 0, 0, 0, 9 * pixel, 0])]);
     return context;
   }
@@ -466,15 +468,11 @@ class Replay {
     const { view, step, world, chosen } = this;
     view.measure();
     if (!view.width) return;
-    if (this.follows && chosen) {
-      const k = Math.min(step, chosen.x.length - 1);
-      view.middle = [chosen.x[k], chosen.y[k]];
-      view.zoom = Math.max(view.zoom, 2.5);
-    }
+    const at = ({ x, y }) => [x, y].map((each) => each[Math.min(step, each.length - 1)]);
+    if (this.follows && chosen) [view.middle, view.zoom] = [at(chosen), Math.max(view.zoom, 2.5)];
     if (this.leads && chosen) {
-      const k = Math.min(step, chosen.x.length - 1);
       if (this.poised()) [view.zoom, view.middle] = [1, null]; // until the clock starts all of it is seen, its doors too
-      else view.lead([chosen.x[k], chosen.y[k]], world.goal);
+      else view.lead(at(chosen), world.goal);
     }
     const shown = this.actors.filter((actor) => !actor.hidden);
     this.fitButton.hidden = !view.middle || this.follows || this.leads;
@@ -487,7 +485,7 @@ class Replay {
       return;
     }
     if (this.other) {
-      Object.assign(this.otherView, { bounds: view.bounds, zoom: view.zoom, middle: view.middle, least: view.least });
+      Object.assign(this.otherView, { bounds: view.bounds, zoom: view.zoom, middle: this.follows ? at(this.other) : view.middle, least: view.least });
       this.otherView.measure();
       this.paint(this.otherView, [this.other], this.other, 1);
     }

@@ -122,7 +122,10 @@ function drawWorld(context, world, time, pixel, passed) {
     context.stroke();
   }
   const own = world.obstacles ? world.obstacles.length - (world.own || 0) : 0; // the last ones were put there
-  solidsAt(world, time).forEach((obstacle, k) => drawObstacle(context, obstacle, pixel, world.own && k >= own && k < own + world.own ? "--ink" : "--solid"));
+  const solids = solidsAt(world, time);
+  for (const walls of [false, true]) solids.forEach((obstacle, k) => { // walls over what stands there
+    if ((obstacle[4] > 0 && !obstacle[5]) === walls) drawObstacle(context, obstacle, pixel, world.own && k >= own && k < own + world.own ? "--ink" : "--solid");
+  });
   for (const [x, y, vx, vy, legTime] of world.patrols || []) if (legTime > 0) { // what moves, and how far
     context.beginPath();
     context.moveTo(x, y);
@@ -231,7 +234,7 @@ function drawActor(context, actor, k, hull, pixel, { chosen, faint, under, thin,
   context.strokeStyle = colour;
   context.globalAlpha = thin && !chosen ? 0.4 * alpha : alpha;
   context.lineWidth = (chosen ? 3 : thin ? 1.2 : 2) * pixel;
-  context.setLineDash(dashOf(actor.policy).split(" ").filter(Boolean).map((each) => each * pixel));
+  context.setLineDash(dashOf(actor.policy, actor.twin).split(" ").filter(Boolean).map((each) => each * pixel));
   context.beginPath();
   for (let i = 0; i <= last; i++) context.lineTo(actor.x[i] - lane * pixel * Math.sin(actor.heading[i]), actor.y[i] + lane * pixel * Math.cos(actor.heading[i]));
   context.stroke();
@@ -291,7 +294,7 @@ function drawNames(context, view, actors, k, hull, pixel, bodies, things) {
     else spots.push({ x: x[last], y: y[last], name: name.replace(/ \(.*\)/, ""), policy, top, more: 0 });
   }
   for (const { x, y, policy, more, ...spot } of spots) {
-    const name = more ? `${more + 1} robots` : spot.name;
+    const name = !more ? spot.name : policy === FRIEND ? `${spot.name} and ${more} more` : `${more + 1} robots`;
     const half = context.measureText(name).width / 2 + 4;
     const room = Math.max(view.width / 2 - half, 0);
     const rim = spot.top ? 6 : 0;
@@ -307,6 +310,16 @@ function drawNames(context, view, actors, k, hull, pixel, bodies, things) {
     if (!free) continue;
     const [at, foot] = free;
     placed.push([at, foot, half]);
+    const [dx, dy] = [x / pixel - at, 5 - y / pixel - foot];
+    context.strokeStyle = ink(colourName(policy));
+    if (Math.abs(dy) > hull / pixel + 24 + rim || Math.abs(dx) > hull / pixel + half + 6 + rim) { // far from its robot: a line leads there
+      context.lineWidth = 1;
+      context.beginPath();
+      context.moveTo(at + Math.sign(dx) * Math.min(Math.abs(dx), half - 4), foot - 5 + Math.sign(dy) * 8);
+      context.lineTo(x / pixel, -y / pixel);
+      context.stroke();
+      context.lineWidth = 4;
+    }
     context.strokeStyle = ink("--paper");
     context.fillStyle = ink(colourName(policy));
     for (const how of ["strokeText", "fillText"]) context[how](name, at, foot);

@@ -1,6 +1,6 @@
 // Shares what is shown: a link that holds all of it, and the Python that drives the same run.
 
-const LINK = 1; // version of what a link holds
+const LINK = 2; // version of what a link holds
 const STATE = ["v", "robot", "actuators", "disturbance", "policy", "sheet", "place", "world", "runs", "step", "overlay", "ghost", "eased", "beside", "embed"];
 const WORLD = ["kind", "name", "family", "tier", "quantity", "steps", "speed", "path", "closed", "laps", "corridor", "start", "start_offset", "start_turn", "goal", "waypoints", "obstacles", "patrols", "walls", "grid", "draws", "seed", "edited",
   "position_tolerance", "heading_tolerance", "waypoint_radius", "starts", "goals", "tracks", "walks", "bodies", "reach", "own"];
@@ -57,8 +57,7 @@ class Share {
     const { drive, replay } = this;
     const { world } = replay;
     const place = picks.state();
-    const runs = drive.runs.filter((run) => !run.reference && ![KEYBOARD, FRIEND].includes(run.asked.label) && !run.asked.from).map(({ asked: { label, conditions, gains } }) => (
-      { policy: label, actuators: conditions.actuators, disturbance: conditions.disturbance, ...(Object.keys(gains).length ? { gains } : {}) }));
+    const runs = drive.runs.filter((run) => !run.reference && ![KEYBOARD, FRIEND].includes(run.asked.label) && !run.asked.from).map(({ asked: { label, gains } }) => ({ policy: label, ...(Object.keys(gains).length ? { gains } : {}) }));
     const own = world.edited || !place;
     const byHand = drive.runs.find((run) => run.tape.length && !run.asked.from);
     return { v: LINK, robot: replay.robot, actuators: drive.tier.value, disturbance: drive.disturbance.value, policy: drive.who.value,
@@ -110,9 +109,8 @@ class Share {
     if (!Array.isArray(state.runs) || state.runs.length > 60) throw new Error("runs must be a list of at most 60");
     state.runs.forEach((run, k) => {
       object(`runs[${k}]`, run);
-      onlyFields(run, ["policy", "actuators", "disturbance", "gains"], `runs[${k}]: `);
-      for (const [field, options] of Object.entries(conditions)) if (run[field] !== undefined) known(field, options, run);
-      if (drive.free && !own.length) known("policy", pilotsOf(drive.kernels, task, state.robot, run.actuators ?? state.actuators), run);
+      onlyFields(run, ["policy", "gains"], `runs[${k}]: `);
+      if (drive.free && !own.length) known("policy", pilotsOf(drive.kernels, task, state.robot, state.actuators), run);
     });
     if (drive.free && !own.length && state.policy !== undefined) known("policy", [KEYBOARD, ...pilotsOf(drive.kernels, task, state.robot, state.actuators)]);
     const world = state.world === undefined ? null : checkedWorld(state.world);
@@ -140,16 +138,12 @@ class Share {
     const able = drive.able();
     for (const run of state.runs) {
       if (!able.includes(run.policy)) throw new Error(`policy is ${quoted(run.policy)}; here drive ${able.join(", ")}`);
-      drive.tier.value = run.actuators ?? state.actuators;
-      drive.disturbance.value = run.disturbance ?? state.disturbance;
       const gains = checkedGains(run.gains, drive.gains.recipe(run.policy));
       drive.who.value = run.policy;
       drive.gains.offer();
       if (Object.keys(gains).length) drive.gains.setAll(gains);
       else drive.add({ label: run.policy });
     }
-    drive.tier.value = state.actuators;
-    drive.disturbance.value = state.disturbance;
     if (able.includes(state.policy)) drive.who.value = state.policy;
     drive.chosenPolicy();
     if (state.beside !== undefined) {
