@@ -581,7 +581,7 @@ class Drive {
     const stuck = since.length ? Math.max(...since) : Infinity;
     const parts = [[all > 1 && crashed, `crashed${crashed > 1 ? ", the first" : ""} after`, target.crashed], [since.length, "stuck since", stuck]].filter(([count]) => count);
     const told = parts.map(([count, how, k], nth) => `${all === 1 ? "" : count === all ? `all ${all} robots ` : `${count}${nth ? "" : ` of ${all} robots`} `}${how} ${(k * DT).toFixed(2)} s`);
-    return { there: ends[0] === "success", stuck: crashed ? Infinity : stuck, end: `${all === 1 && stuck === 0 && this.lost(run) ? "finds no way wide enough: " : ""}${told.join("; ")}` };
+    return { there: ends[0] === "success", stuck: crashed ? Infinity : stuck, end: all === 1 && stuck === 0 && this.lost(run) ? "finds no way wide enough" : told.join("; ") };
   }
 
   // Whether it plans its way, and there is none.

@@ -72,7 +72,7 @@ class Trace {
       const value = values[Math.min(step, values.length - 1)];
       context.fillStyle = ink("--ink");
       context.textAlign = "right"; // in the corner: beside the cursor it would cover the name
-      if (Number.isFinite(value)) context.fillText(`${(Math.round(1000 * value) / 1000 || 0).toFixed(3)} ${this.unit}`, view.width - 10, 12);
+      if (Number.isFinite(value)) context.fillText(`${short(Math.round(1e5 * value) / 1e5 || 0)} ${this.unit}`, view.width - 10, 12);
     }
   }
 
