@@ -371,6 +371,7 @@ def test_a_link_shows_the_same_runs_and_python_drives_them(browser: Browser, fil
             other.wait_for_timeout(100)
         assert other.evaluate(POSES) == tab.evaluate(POSES)
         assert other.evaluate("replay.step") == 17
+        assert "at the start" not in other.locator(".side .actors").inner_text()
         assert watched.errors == []
 
 
@@ -590,7 +591,7 @@ def test_what_is_said_of_the_end_of_runs_goes_with_it_and_is_what_they_are_sorte
         drag(tab, [[cx - 1, cy], [cx, cy + 0.3], [cx + 1, cy]])
         watched.until(f"replay.world.kind === 'path' && {DRIVEN}")
         tab.evaluate("replay.toggle(false); replay.seek(replay.last)")
-        assert "Closest to your line" in hint.inner_text()
+        assert re.search(r"Closest to your line: .+ typically (\d\.\d\d|\d\d(\.\d)?|\d{3,}) mm off", hint.inner_text())
         assert caption.inner_text() == "The closest to the line comes first."
         tab.evaluate("replay.seek(1)")
         assert "Closest to your line" not in hint.inner_text()
