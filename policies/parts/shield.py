@@ -16,12 +16,15 @@ from wayfield.policies.parts.gain import Gains, gain
 from wayfield.policies.parts.params import params
 from wayfield.policies.parts.policy import Policy
 from wayfield.policies.parts.stopping import (
+    RECALL_RANGE,
     RECALLED,
     SECTORS,
     Scan,
     Seen,
     beam_directions,
-    find_hits,
+    enter_hits,
+    keep_near,
+    recalled_near,
     sees_all_round,
     set_command,
     step_and_stop,
@@ -48,7 +51,10 @@ class Shield(Gains):
     period ago.
 
     A hit at the distance d is grown by d times the angle between two beams: so wide is what may stand unseen beside it.
-    What was near stays known for `recall` after it was last seen. Where no beam looks, something is taken to stand
+    What was near stays known for `recall` after it was last seen. With `beside` it lets a robot through a door that it
+    fills, where hits that are grown would hold it, and forgotten ones would let it drive into a post: it knows all that
+    was seen within 1.2 m, and what is nearer than `beside` for as long as the robot stands, but grows only what is seen
+    now. Where no beam looks, something is taken to stand
     beside the hull: what has a scan of less than a full circle does not back into the rest. Moving things are taken for
     standing still.
 
@@ -59,6 +65,7 @@ class Shield(Gains):
     margin: float = gain(0.02, "m", "kept from hits besides the hull", least=0.0)
     spread: float = gain(1.0, "1", "of the angle between beams that hits are grown by", least=0.0)
     recall: float = gain(10.0, "s", "for which what is near stays known out of sight", least=0.0)
+    beside: float = gain(0.0, "1", "hull radii, within which that does not end while it stands; 0: it does", least=0.0)
 
     def reset(self, briefing: Briefing) -> NDArray[Any]:
         """Returns what is remembered of each robot, (b,) STATE.
@@ -84,7 +91,8 @@ class Shield(Gains):
         scan = Scan(ranges, beam_directions(briefing), briefing.max_range, nothing, nothing)
         driven = np.zeros((len(memory), 3))
         driven[:, briefing.robot.twist_axes] = twists
-        p = params(self, briefing, spacing=self.spread * float(spacing))
+        beside = self.beside * briefing.robot.hull_radius
+        p = params(self, briefing, spacing=self.spread * float(spacing), beside=beside)
         filter_twists(p, scan, Seen.of(observation, briefing), blind_directions(briefing), memory, driven)
         return driven[:, briefing.robot.twist_axes]
 
@@ -112,7 +120,7 @@ def blind_directions(briefing: Briefing) -> NDArray[np.float64]:
 def filter_twists(params, scan, seen, blind, memory, twists):
     """Filters the twists (b, 3) of `Shield.passed` in place.
 
-    params: `spacing` is the angle (rad) between two beams. blind (n, 2): see `blind_directions`.
+    params: `spacing` is the angle (rad) between two beams, `beside` is in m. blind (n, 2): see `blind_directions`.
     """
     p = params[0]
     plant = p.plant
@@ -126,9 +134,13 @@ def filter_twists(params, scan, seen, blind, memory, twists):
         fastest = math.sqrt(fastest)
         way = fastest * (plant.lag + 2.0 * plant.dt) + 0.5 * fastest * fastest / plant.acceleration
         farthest = (radius + way) / max(1.0 - p.spacing, 0.1)
-        count = find_hits(p, scan, seen, m, i, farthest, radius, points, 0.0)
+        if p.beside > 0.0:
+            farthest = max(farthest, RECALL_RANGE)
+        near = recalled_near(p, seen, m, i, p.beside)
+        met = enter_hits(p, scan, i, farthest, radius, near, points)
+        count = keep_near(p, seen, m, i, near, radius, points, met)
         hits = points[:count]
-        for j in range(count):
+        for j in range(met if p.beside > 0.0 else count):
             distance = math.sqrt(hits[j, 0] * hits[j, 0] + hits[j, 1] * hits[j, 1])
             hits[j, 2] = min(radius + p.spacing * distance, (1.0 - 1e-6) * distance)
         for j in range(blind.shape[0]):

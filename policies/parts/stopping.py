@@ -136,9 +136,16 @@ def find_hits(p, scan, seen, m, i, farthest, radius, hits, beside):
     nearest point of each sector around the robot for `recall` (s) after it was last seen, and nearer than `beside` (m)
     for as long as the robot stands.
     """
+    near = recalled_near(p, seen, m, i, beside)
+    count = enter_hits(p, scan, i, farthest, radius, near, hits)
+    return keep_near(p, seen, m, i, near, radius, hits, count)
+
+
+@inlined
+def enter_hits(p, scan, i, farthest, radius, near, hits):
+    """Fills `hits` and `near` with what robot i meets now, see `find_hits`; returns the number of hits."""
     ranges = scan.ranges
     directions = scan.directions
-    near = recalled_near(p, seen, m, i, beside)
     count = 0
     for j in range(ranges.shape[1]):
         distance = max(ranges[i, j], 1e-6)
@@ -150,7 +157,7 @@ def find_hits(p, scan, seen, m, i, farthest, radius, hits, beside):
             if distance < RECALL_RANGE:
                 remember(near, hits[count, 0], hits[count, 1], distance, p.recall)
             count += 1
-    return keep_near(p, seen, m, i, near, radius, hits, count)
+    return count
 
 
 @allocating

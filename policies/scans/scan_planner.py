@@ -148,11 +148,16 @@ class ScanPlanner(PolylineTracker, ScanLaw):
 
     def recall(self, robot: Robot) -> float:
         """Returns for how long (s) hits are remembered that are out of sight."""
-        return LONG_RECALL if robot.hull_box is None and robot.hull_radius >= FINE else RECALL
+        return LONG_RECALL if fills_doors(robot) else RECALL
 
     def driven(self, memory: NDArray[Any], commands: NDArray[np.float64]) -> None:
         """Takes the commands (b, 3), as the plant takes them, that were driven in place of those it asked for."""
         memory["state"]["command"] = commands
+
+
+def fills_doors(robot: Robot) -> bool:
+    """Returns whether a robot's hull may fill the narrowest doors of its class: a box is narrower than its disc."""
+    return robot.hull_box is None and robot.hull_radius >= FINE
 
 
 def search(cell: float) -> dict[str, float]:

@@ -18,7 +18,7 @@ from wayfield.policies.parts.gain import gain
 from wayfield.policies.parts.shield import Shield, Shielded
 from wayfield.policies.parts.stopping import Scan, find_approached
 from wayfield.policies.parts.tuned import tuned_gains
-from wayfield.policies.scans.scan_planner import RECALL, ScanPlanner
+from wayfield.policies.scans.scan_planner import BESIDE, RECALL, ScanPlanner, fills_doors
 from wayfield.policies.trained.hybrid import SUITE, TASK, Array, Both, Hybrid, Memory
 from wayfield.policies.trained.ppo import shipped, shipped_agent
 
@@ -34,6 +34,7 @@ PACE = 0.6  # m/s, from which on patience is as long as it says
 WAY = 0.1  # m, by which the way left becomes less
 APPROACHED = 4  # such periods until that is believed: a single one is often noise, or a corner between two beams
 BEHIND_PLANNER = Shield(spread=0.3)
+IN_DOORS = Shield(spread=0.3, beside=BESIDE)  # behind the planner of a hull that may fill a door
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,9 +51,10 @@ class AnyRobot(Hybrid):
     `find_approaching` sees it, in four control periods in a row), the planner drives by itself until something does:
     among what stands still it makes its way where the agent stands, and among what moves the agent is the better one.
     The planner's map remembers what stands between the beams, so that the shield behind it grows hits by 0.3 of what it
-    does behind the agent, to which the narrowest doors are shut with few beams. What it costs: the wait itself, and
-    that the planner drives among what moves, where it is worse, as long as nothing is seen to come nearer. Behind a
-    planner without `foresight` nothing counts as coming nearer.
+    does behind the agent, to which the narrowest doors are shut with few beams. A round hull of 0.35 m and more may
+    fill such a door: the shield behind its planner keeps the posts in mind (`Shield.beside`). What it costs: the wait
+    itself, and that the planner drives among what moves, where it is worse, as long as nothing is seen to come nearer.
+    Behind a planner without `foresight` nothing counts as coming nearer.
 
     It asks for no more than 0.95 of what the base can drive. Needs a scan of half a turn or more.
     """
@@ -96,7 +98,8 @@ class AnyRobot(Hybrid):
         if not alone.any():
             return driven
         shields = memory["agent"]["shield"].copy()
-        passed = BEHIND_PLANNER.passed(observation, briefing, shields, planned)
+        behind = IN_DOORS if fills_doors(briefing.robot) else BEHIND_PLANNER
+        passed = behind.passed(observation, briefing, shields, planned)
         retained["shield"][alone] = shields[alone]
         return np.where(alone[:, None], passed, driven)
 

@@ -169,3 +169,24 @@ def test_a_base_that_sees_no_more_than_ahead_does_not_back_into_the_rest() -> No
     for _ in range(20):
         assert np.array_equal(pilot.act(observation), [0.0, 0.5])
         observation, *_ = env.step(pilot.act(observation))
+
+
+def test_a_post_that_was_seen_once_is_not_driven_into_after_standing_beside_it() -> None:
+    robot = dataclasses.replace(ROBOTS["mir100"], name="disc", hull_box=None, hull_x=0.0, hull_radius=0.45)
+    how: dict[str, Any] = {"scenario": "open_field", "num_beams": 72, "actuators": "lagged"}
+    env = gymnasium.make("wayfield/DiffDriveGoalObstacles-v0", robot=robot, **how)
+    flat, _ = env.reset(seed=0)
+    base: Any = env.unwrapped
+    briefing, shield = base.briefing("sensors"), Shield(spread=0.3, beside=1.25)
+    memory = shield.reset(briefing)
+    beam, away = 45, 0.54  # 45 degrees to the left, farther than what could be met at rest
+    for step in range(500):
+        seen = base.task.layout.unpack(flat[None].astype(float))
+        x, y, heading = seen.pose[0]
+        if step == 0:
+            angle = heading + briefing.beam_angles[beam]
+            post = x + away * np.cos(angle), y + away * np.sin(angle)
+            seen.ranges[0, beam] = away
+        asked = np.array([[0.5 if step > 400 else 0.0, 0.0]])  # 20 s later, straight on, past it nearer than the hull
+        flat, *_ = env.step(shield.passed(seen, briefing, memory, asked)[0])
+        assert np.hypot(x - post[0], y - post[1]) >= robot.hull_radius

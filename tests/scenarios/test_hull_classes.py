@@ -89,14 +89,16 @@ def test_the_planner_finds_doors_that_lie_as_much_farther_as_its_hull_is_larger(
     assert "success" in told.output, told.output
 
 
-def test_discs_that_fill_the_narrowest_doors_seldom_touch_their_posts() -> None:
+@pytest.mark.filterwarnings("ignore::wayfield.policies.learned.conditions.NewToAgent")
+@pytest.mark.parametrize("policy", ["scan_planner", "any_robot"])
+def test_discs_that_fill_the_narrowest_doors_seldom_touch_their_posts(policy: str) -> None:
     contest, base, scenes = CONTESTS["goal-obstacles"], ROBOTS["mir100"], tuple(range(20))
     touched = []
     for drawn in np.random.default_rng(0).uniform(0.35, 0.7, 3):
         hull = np.ceil(20.0 * drawn) / 20.0  # a whole class
         robot = dataclasses.replace(base, name="drawn", hull_box=None, hull_x=0.0, hull_radius=float(hull))
         course = dataclasses.replace(contest.course("doors_narrow", "train", robot), members=scenes)
-        case = next(contest.cases(robot, course, Entrants(("scan_planner",), ("default",))))
+        case = next(contest.cases(robot, course, Entrants((policy,), ("default",))))
         how = Setting("drawn", case, "kinematic", "lagged", 0, len(scenes), members=scenes)
         touched += [row["collision"] for row, _ in episodes(how)]
     # they are of 16 families of static obstacles, and in the 15 others there is room: 0.3 % of all those scenes
