@@ -313,7 +313,7 @@ def _count(shown_panels: Sequence[Panel]) -> str:
     wins, losses = (str(len(each) or "none") for each in (won, lost))
     alike = outcomes.count(EQUIVALENT)
     ties = len(outcomes) - len(won) - len(lost) - alike
-    quick = [f"{each.where} the {each.sooner} is faster, but success may differ" for each in matches if each.sooner]
+    quick = [f"{each.where} the {each.sooner} is faster; equal success is unproven" for each in matches if each.sooner]
     noted = f" ({'; '.join(quick)})" if quick else ""
     which = [
         f"{camp} win {_listed(each).replace(', on ', ', ')}. "
