@@ -163,8 +163,8 @@ SECTIONS = (
         },
         "Five scenarios of each family a level: enough for intervals, too few to tell close policies apart. Of what "
         "had changed since the run, `ppo` and `stanley` on paths and `smooth_pose` and `mpc_pose` to docks drove again "
-        "at commit 430ee4b9, `lqr` (tuned) at 67692995, `ppo` and `reeds_shepp` to docks at 57fe86db; `ilqr` drove "
-        "there.",
+        "at commit 430ee4b9, `lqr` (tuned) at 67692995, `lqr` (robust) at 21c2e951, `ppo` and `reeds_shepp` to docks "
+        "at 57fe86db; `ilqr` drove there.",
     ),
     Section(
         "barn",
