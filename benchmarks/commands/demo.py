@@ -173,7 +173,7 @@ BEST = {
     "path": ["ilqr", "lqr", "regulated_pure_pursuit"],
     "goal": ["astar_tracker", "orca", "any_robot"],
     "dock": ["polar", "smooth_pose_backward", "reeds_shepp"],
-    "team": ["team_scan", "orca_team"],
+    "team": ["scan_planner"],  # the best agent there, hybrid, is not in the page
     "people": ["people_free", "orca_team"],
 }
 

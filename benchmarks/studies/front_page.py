@@ -1,6 +1,5 @@
 """README's part of the results: who wins at four tasks, one figure and four sentences, from the kept rows alone."""
 
-import csv
 import dataclasses
 import io
 import itertools
@@ -12,6 +11,7 @@ import flocks
 import gymnasium
 import matplotlib
 import numpy as np
+import part_rows
 from flocks import AHEAD, BEHIND
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
@@ -210,7 +210,7 @@ def _outcome(verdict: Verdict, line: Row, turned: bool, unit: str) -> str:
 
 def _crowds(store: Store) -> Iterator[Match]:
     """Yields the agents among others beside the best controllers of equal access."""
-    teams, people = (_rows(store, flocks.FILES[part]) for part in ("teams", "people"))
+    teams, people = (part_rows.read(store.home / RESULTS / flocks.FILES[part]) for part in ("teams", "people"))
     if not teams or not people:
         return
     of_page = flocks.of_page(teams, people)
@@ -222,8 +222,9 @@ def _crowds(store: Store) -> Iterator[Match]:
         verdict = less.outcome(of_page).partition(", ")[0]
         outcome = {BETTER: WORSE, WORSE: BETTER, AHEAD: BEHIND, BEHIND: AHEAD}.get(verdict, verdict)
         faster = sooner = ""
+        alike = outcome == EQUIVALENT or all(_share(here, of, metric)[0] == 100.0 for of in (law, agent))
         if outcome in (OPEN, EQUIVALENT) and (pace := later.pace(of_page)):
-            if outcome == OPEN:
+            if not alike:
                 sooner = SIDES[pace == "faster"]
             else:
                 outcome, faster = WORSE if pace == "faster" else BETTER, f"{abs(later.value):.1f} s sooner"
@@ -233,11 +234,6 @@ def _crowds(store: Store) -> Iterator[Match]:
         collided = tuple(_numbers(flocks.collisions(here, each).partition(" ")[0])[0] for each in (law, agent))
         shown = Match(CROWDS[where], bars[0], bars[1], less.worlds, outcome, faster=faster, sooner=sooner)
         yield dataclasses.replace(shown, collided=(collided[0], collided[1]))
-
-
-def _rows(store: Store, name: str) -> list[Row]:
-    place = f"{RESULTS}/{name}"
-    return list(csv.DictReader(io.StringIO(store.text(place)))) if place in store else []
 
 
 def _seeds(rows: Sequence[Row], agent: str) -> str:
@@ -313,8 +309,9 @@ def _count(shown_panels: Sequence[Panel]) -> str:
     wins, losses = (str(len(each) or "none") for each in (won, lost))
     alike = outcomes.count(EQUIVALENT)
     ties = len(outcomes) - len(won) - len(lost) - alike
-    quick = [f"{each.where} the {each.sooner} is faster; equal success is unproven" for each in matches if each.sooner]
-    noted = f" ({'; '.join(quick)})" if quick else ""
+    quick = [f"{each.where} the {each.sooner}" for each in matches if each.sooner]
+    quick[:1] = [f"{each} is faster" for each in quick[:1]]
+    noted = f" ({', '.join(quick)}; equal success is unproven)" if quick else ""
     which = [
         f"{camp} win {_listed(each).replace(', on ', ', ')}. "
         for camp, each in (("Controllers", won), ("Agents", lost))
@@ -337,7 +334,7 @@ def _where(panel: Panel, match: Match) -> str:
     task = f"{'when' if panel.title == 'Docking' else 'in'} {panel.title.lower()} "
     task = "" if match.where in CROWDS.values() else task
     place = match.where.partition(" (")[0]  # whose crowd it is stands in the figure
-    return f"{'on ' if panel.unit == 'mm' else task}{place}{' (equal success, so time decides)' * bool(match.faster)}"
+    return f"{'on ' if panel.unit == 'mm' else task}{place}{' (equal success: time decides)' * bool(match.faster)}"
 
 
 def figure(shown_panels: Sequence[Panel]) -> bytes:

@@ -115,14 +115,14 @@ def rows_of(claim: Claim, root: Path) -> list[dict[str, str]]:
         return list(of_page(claim, read_packed(root / sections.ROWS / f"{PACKED[claim.name]}{SUFFIX}")))
     if claim.contest == "teams":
         rows = []
-        for row in flocks.independent(part_rows.read(root / RESULTS / "flocks.csv")):
+        for row in flocks.independent(part_rows.read(root / RESULTS / flocks.FILES["teams"])):
             family = row["family"]
             if flocks.is_of("open", family) and TEAM_FAMILIES[family].team <= flocks.TESTED:
                 turned = family.startswith(flocks.TURNED)  # one stratum, a size a scene
                 rows.append({**row, "family": flocks.TURNED, "world": family} if turned else row)
         return list(of_flocks(claim, rows, "solved", "extra_time"))
     if claim.name == "crowdnav":
-        people = part_rows.read(root / RESULTS / "flocks_people.csv")
+        people = part_rows.read(root / RESULTS / flocks.FILES["people"])
         return list(of_flocks(claim, [row for row in people if row["contest"] == "crowdnav"], "success", "time"))
     return [row for row in read(root) if row["claim"] == claim.name]
 

@@ -180,7 +180,7 @@ def team_families(walled: bool) -> tuple[str, ...]:
 
 
 class Among(NamedTuple):
-    """A verdict of README on robots among others."""
+    """A verdict on robots among others; in crowds README's."""
 
     where: str
     controller: str
@@ -272,7 +272,8 @@ def _among_section(lines: Sequence[Line], said: dict[tuple[str, str], str]) -> l
         "",
         "Success rates of teams of 2, 4 and 8 omni robots and of an omni robot in crowds, the same scenes on both "
         "plants; pymunk drives neither. In MuJoCo the robots of a scene share a model, and push each other in a "
-        "collision.",
+        "collision. In teams the pairs are not README's: `scan_planner`, `any_robot` and `hybrid` were not driven "
+        "there.",
     ]
     for among in AMONG:
         shown = [_shown(each, said[among.where, each.plant]) for each in lines if each.verdict is among]
@@ -304,8 +305,8 @@ def page(rows: Sequence[Row], papers: Sequence[Row], chain: Sequence[Row], train
         "# Does it hold in another physics?",
         "",
         "`kinematic` and `pymunk` are plants of this project; [MuJoCo](../environments.md#mujoco) is not. Here the "
-        "README's verdicts of one robot are driven on all three, those of teams and crowds on two: tier `lagged`, the "
-        "same scenes, starts, gains and agents. Nothing was tuned on pymunk or MuJoCo.",
+        "README's verdicts of one robot are driven on all three, teams and crowds on two: tier `lagged`, the same "
+        "scenes, starts, gains and agents. Nothing was tuned on pymunk or MuJoCo.",
         "",
         _summary(said),
         "",

@@ -1,10 +1,13 @@
 """What is said of agents beside laws: by the best law there, in one of three outcomes."""
 
+import itertools
+
 import flocks
 import numpy as np
 import pytest
 
 from wayfield.envs.scenarios.team_families import TEAM_FAMILIES
+from wayfield.policies.registry import entering
 
 
 def drives(name: str, solved: list[bool]) -> list[flocks.Row]:
@@ -46,6 +49,29 @@ def test_the_rival_is_the_law_that_solves_most_and_of_such_the_quickest() -> Non
     every = [row for each in rows for row in each]
     assert flocks.rival(every, ("poor", "agent"), ("poor", "good", "quick"), "success")[:2] == ("agent", "quick")
     assert flocks.rival(every, ("agent",), ("poor", "good"), "success")[1] == "good"
+
+
+def test_a_sentence_is_of_the_best_rival_of_an_access_and_none_is_lost_from_the_tables() -> None:
+    shares = {"orca_team": 0.5, "orca_team tuned": 0.7, "vfh_plus": 0.6, "dwa": 0.4, "ppo seed 0": 0.3}
+    rows: list[flocks.Row] = []
+    for k in range(3):
+        shares[f"team_scan seed {k}"] = 0.8
+    for name, share in shares.items():
+        rows += [
+            {**row, "family": "open_4", "solved": row["success"], "arrived": "0", "touched": "0"}
+            for row in drives(name, [k < 20 * share for k in range(20)])
+        ]
+    compared, shown = flocks.team_tables(rows)
+    mine = [each for each in compared if each.agent == "team_scan"]
+    assert {each.law for each in flocks.hardest(mine)} == {"orca_team tuned", "vfh_plus", "ppo"}
+    assert all(f"| {law}" in shown([]) for law in ("orca_team", "dwa", "vfh_plus", "ppo"))
+
+
+def test_every_policy_that_drives_among_others_is_entered_or_named_as_left_out() -> None:
+    entered = {*flocks.AGENTS, *itertools.chain(*flocks.RIVALS.values(), *flocks.AMONG_PEOPLE.values())}
+    lacking = {*entering("teams"), *entering("people"), "any_robot", "hybrid"} - entered
+    left_out = flocks.PROSE.partition("Not shown:")[2]
+    assert all(f"`{name}`" in left_out for name in lacking), lacking
 
 
 @pytest.mark.parametrize("law", ["orca_team", "vfh_plus"])
