@@ -71,7 +71,7 @@ class Drive {
     this.named = el("p", { class: "note" });
     this.conditionsPart = el("details", { class: "scenes" }, el("summary", {}, "Robot, motors and keys"),
       el("div", { class: "pick" }, free ? robotLabel : null, tierLabel, disturbanceLabel, fromLabel),
-      el("p", { class: "note" }, "Arrows drive and turn; an omni base also moves sideways with A and D and turns with Q and E. Space plays and pauses, ← and → step while it is paused, F follows the robot, I and O zoom."));
+      el("p", { class: "note" }, "Arrows drive and turn; an omni base also moves sideways with A and D and turns with Q and E. Space plays and pauses, ← and → step while a replay is paused (a paused race drives on), F follows the robot, I and O zoom."));
     this.editor = new Editor(this);
     this.gains = new Gains(this);
     this.looks = new Looks(this);

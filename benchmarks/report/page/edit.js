@@ -410,7 +410,11 @@ class Editor {
   covers() {
     const { world, robot } = this.replay;
     const place = standsOn(this.made, world.path ? { ...world, waypoints: [] } : world, robot); // those along a line make room
-    if (place) this.tell(`Nothing can stand ${place}: put it elsewhere.`);
+    if (place) {
+      this.replay.toggle(false);
+      this.replay.seek(0); // where robots and people start is seen
+      this.tell(`That would stand ${place}: put it elsewhere, or make it smaller.`);
+    }
     return Boolean(place);
   }
 

@@ -7,6 +7,7 @@ const WITHIN = 1.25; // of the quickest controller's time, in whole seconds: bro
 const ENDED = { success: "Finished in", collision: "Crashed after", left_corridor: "Left the grey band after", timeout: "Out of time:", left: "Drove off after", stopped: "Stopped after" };
 const ABOUT = "Beat controllers and a trained network by hand, or watch them drive.";
 const ASKED = { path: "Stay on the grey band to the star, or the run ends", dock: "Park on the star, facing the way its line points" };
+const ROUND = "Drive once round on the grey band, the way you face, back to the star: off it the run ends";
 const NEAR_MISS = 0.5; // m
 const LONG_LINE = 120; // characters that two lines hold
 const things = (count) => (count === 1 ? "a thing" : `${count} things`);
@@ -113,9 +114,9 @@ class Race {
 
   // Whether there is still what the page opened on: too hard for a first race.
   get opening() {
-    const { told: { demo: { opening } }, other } = this.replay;
+    const { told: { demo: { opening } }, chosen, other } = this.replay;
     const { family, seed } = this.challenges[this.now] || {};
-    return Boolean(other) && !this.drive.hand && other.policy === opening.beside && family === opening.place.family && seed === opening.place.seed;
+    return Boolean(other) && !this.drive.hand && chosen.policy === opening.policy && other.policy === opening.beside && family === opening.place.family && seed === opening.place.seed;
   }
 
   // What the hand is to do; once nobody else is on the way, how to begin anew.
@@ -136,7 +137,7 @@ class Race {
     const { limits } = this;
     const [count, found] = [replay.actors.filter(({ ghost, policy }) => !ghost && policy !== FRIEND).length, this.best[this.now < 0 ? "" : this.key(this.now)]];
     const prize = `${limits && limits[0] < Infinity ? `${MEDALS.map((each, k) => `${each} ${replay.scored(limits[k])}`).join(", ")}. `.replace("g", "G") : ""}${found ? `Your best: ${found.time.toFixed(2)} s. ` : ""}`;
-    return `${ASKED[replay.world.kind] || ((replay.world.waypoints || []).length ? "Drive through the rings, in order, to the star" : "Drive to the star")}: ${turn}. ${run.tape.length ? count > 1 ? `You pass through the other racers${replay.world.bodies ? `; each has its own ${companyOf(replay.world)}` : ""}.` : "" : `${prize}The clock waits for your first press.`}`;
+    return `${(replay.world.kind === "path" && replay.world.closed && ROUND) || ASKED[replay.world.kind] || ((replay.world.waypoints || []).length ? "Drive through the rings, in order, to the star" : "Drive to the star")}: ${turn}. ${run.tape.length ? count > 1 ? `You pass through the other racers${replay.world.bodies ? `; each has its own ${companyOf(replay.world)}` : ""}.` : "" : `${prize}The clock waits for your first press.`}`;
   }
 
   // How near the hand is to the ring of the star that it did not get into (m); 0 where that is far, or not next.

@@ -58,7 +58,7 @@ class Replay {
     this.otherView = new View(this.beside);
     this.other = null; // the actor of the second pane; null: there is one pane
     const pane = (side, change) => el("select", { class: `pane ${side}`, hidden: true, "aria-label": side === "left" ? "first run" : "second run", on: { change: (event) => change(this.actors[Number(event.target.value)]) } });
-    this.panes = [pane("left", (actor) => this.choose(actor)), pane("right", (actor) => { this.other = actor; this.listActors(); this.refresh(true); })];
+    this.panes = [pane("left", (actor) => this.sides(actor, actor === this.other ? this.chosen : this.other)), pane("right", (actor) => this.sides(actor === this.chosen ? this.other : this.chosen, actor))];
     this.traces = [
       new Trace("error", "m", errorsOf, (k) => this.seek(k)),
       new Trace("speed", "m/s", speeds, (k) => this.seek(k)),
@@ -379,6 +379,12 @@ class Replay {
     this.listActors();
     this.refresh(true);
     for (const run of this.listeners) run();
+  }
+
+  // A pane each: who is chosen for one pane and was in the other changes places with who was there.
+  sides(actor, other) {
+    this.other = other;
+    this.choose(actor);
   }
 
   choose(actor) {
