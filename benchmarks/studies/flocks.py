@@ -773,9 +773,10 @@ def front(teams: Sequence[Row], people: Sequence[Row], page_ps: Sequence[float])
     ]  # fmt: skip
     filmed = [row for row in teams if row["family"] == FILMED.partition("/")[0]]
     out = {name: share(filmed, name, "arrived", 0) for name in ("team_guided", "orca_team", "vfh_plus")}
-    return f"""The agent and the controller that solve most scenes, in teams of up to {TESTED}. Outcomes are corrected
-for the {len(page_ps)} comparisons of this page, of successes and of times. `people_free` and `team_guided` drive on top
-of `orca_team`, `hybrid` along the way of `scan_planner`; `team_scan` and `ppo` drive by themselves.
+    return f"""The controller and the agent that solve most scenes, in teams of up to {TESTED}; in teams the agent has
+a lidar only. Outcomes are corrected for the {len(page_ps)} comparisons of the tables below, of successes and of times.
+`people_free` and `team_guided` drive on top of `orca_team`, `hybrid` along the way of `scan_planner`; `team_scan` and
+`ppo` drive by themselves.
 
 {table(lines, header)}
 
@@ -885,7 +886,7 @@ Not shown: other robots, noise, and controllers with a lidar tuned for crowds; `
 `orca_team_map` and `central`, which have the whole map or all goals. A decision of `scan_planner` takes 0.1 ms of a
 core, of `mppi` 1.1, of `nav2_dwb` 1.8, of `nav2_mppi` 2.9. So `mppi` and `nav2_dwb` drove teams of up to 4 robots only,
 in five scenes of a family, and are left out of the first table and of the advice for teams; `nav2_mppi` drove in none,
-and neither it nor `nav2_dwb` and `hybrid` among people. An empty cell was not run.
+and neither it nor `nav2_dwb`, `hybrid` and `team_scan` among people. An empty cell was not run.
 
 [All results](../results.md)
 """
