@@ -320,7 +320,7 @@ def _count(shown_panels: Sequence[Panel]) -> str:
     return (
         f"**Controllers win {wins} of {len(outcomes)} kinds of scenes, agents {losses}.** "
         + "".join(which)
-        + f"In {alike}, they are equivalent (success within 1 point, time and error within 5 %). In {ties}, "
+        + f"In {alike}, both are equivalent (success within 1 point, time and error within 5 %). In {ties}, "
         f"neither is significantly better in success or error after multiple-test correction{noted}."
     )
 
