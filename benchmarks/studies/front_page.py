@@ -311,7 +311,7 @@ def _count(shown_panels: Sequence[Panel]) -> str:
     ties = len(outcomes) - len(won) - len(lost) - alike
     quick = [f"{each.where} the {each.sooner}" for each in matches if each.sooner]
     quick[:1] = [f"{each} is faster" for each in quick[:1]]
-    noted = f" ({', '.join(quick)}; equal success is unproven)" if quick else ""
+    noted = f" ({', '.join(quick)}, but equal success is unproven)" if quick else ""
     which = [
         f"{camp} win {_listed(each).replace(', on ', ', ')}. "
         for camp, each in (("Controllers", won), ("Agents", lost))
