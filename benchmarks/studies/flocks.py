@@ -163,6 +163,13 @@ def few(name: str) -> list[int]:
     return list(shipped(AGENTS[name], ROBOT))[:LEAST_SEEDS]
 
 
+def seeker(name: str, seed: int, speed: float = SPEED) -> Any:
+    """Returns an agent of SEEKERS."""
+    if name == "hybrid":
+        return policies.make(name, seed=seed, speed=speed)
+    return shipped_agent(AGENTS[name], ROBOT, seed, speed)
+
+
 @dataclasses.dataclass(frozen=True)
 class Seeker:
     """An agent of one robot among obstacles as an entrant in contests that no agent of its name was trained for."""
@@ -173,9 +180,7 @@ class Seeker:
 
     def make(self, gains: Mapping[str, Any]) -> Any:
         """Returns the agent of a seed, at a speed (m/s) or the asked one."""
-        if self.name == "hybrid":
-            return policies.make(self.name, **{"speed": SPEED, **gains})
-        return shipped_agent(AGENTS[self.name], ROBOT, gains["seed"], gains.get("speed", SPEED))
+        return seeker(self.name, **gains)
 
     def cruising(self, speed: float) -> dict[str, Any]:
         """Returns the gains that make it cruise at a speed (m/s)."""
@@ -190,7 +195,7 @@ def policy_of(entry: str) -> Any:
     """Returns the policy of an entry of a team, at the asked speed."""
     name, _, seed = entry.partition(" seed ")
     if name in SEEKERS:
-        return Seeker(name, {"seed": int(seed)}).make({"seed": int(seed)})
+        return seeker(name, int(seed))
     if name.endswith(TUNED):
         law = name.removesuffix(TUNED)
         return policies.make(law, **{**policies.tuned_gains(law, "teams", ROBOT, SPEED), "max_speed": SPEED})
@@ -660,10 +665,19 @@ BEGIN, END = "<!-- flocks: made by python benchmarks/studies/flocks.py -->", "<!
 LEAST_ACCESS = ("team_scan", *SEEKERS, *_BY_SCAN)  # who see by beams alone; all others see bodies
 PLACES: Mapping[str, tuple[str, Callable[[Row], bool]]] = {
     "Drive in a team, open field": ("solved", lambda row: is_of("open", row["family"])),
-    "Drive in a team, doors and rooms": ("solved", lambda row: is_of("walls", row["family"])),
+    "Drive in a team of up to 8, doors and rooms": (
+        "solved",
+        lambda row: is_of("walls", row["family"]) and not large(row),
+    ),
+    "Drive in a larger team, doors and rooms": ("solved", lambda row: is_of("walls", row["family"]) and large(row)),
     "Drive among people who avoid the robot": ("success", lambda row: row.get("contest") == "people-seen"),
     "Drive among people who ignore the robot": ("success", lambda row: row.get("contest") == "people-unseen"),
 }
+
+
+def large(row: Row) -> bool:
+    """Returns whether a row is of more robots than an agent of teams was trained among."""
+    return TEAM_FAMILIES[row["family"]].team > 8
 
 
 def standing(rows: Sequence[Row], metric: str, name: str) -> tuple[float, float]:
@@ -697,16 +711,16 @@ def advice(teams: Sequence[Row], people: Sequence[Row]) -> str:
             if len(able) < 2:
                 continue
             best = next((name for name in able if all(beats(name, each) for each in able if each != name)), able[0])
-            following = next(name for name in able if name != best)
+            # who takes a lidar where bodies are known is to be told what those bring
+            seeing = [name for name in able if name not in LEAST_ACCESS and name != best]
+            following = (seeing or [name for name in able if name != best])[0]
             both = complete(rows, (best, following))
             change, (won, later) = less(both, best, following, metric), standing(both, metric, best)
             lead = f"{versus(change.outcome(page_ps), _code(following))}: {change.shown} points"
+            if pace := (times := less(both, best, following, "extra_time", metric)).pace(page_ps):
+                lead += f"; {pace}: {times.shown} s"
             reached = f"{-100.0 * won:.1f} %, {later:.1f} s"
-            line = [place, access, _code(best), reached, collisions(both, best), str(change.worlds), lead]
-            if lines and [place, *line[2:]] == [lines[-1][0], *lines[-1][2:]]:
-                lines[-1][1] += f" or {access}"
-            else:
-                lines.append(line)
+            lines.append([place, access, _code(best), reached, collisions(both, best), str(change.worlds), lead])
     header = ["task", "inputs", "choose", "solved, extra time", "with a collision (%)", "scenes"]
     header.append("compared with the next best")
     return table(lines, header)
