@@ -293,7 +293,7 @@ def readme(store: Store) -> dict[str, bytes]:
 def _lines(shown_panels: Sequence[Panel]) -> list[str]:
     if not shown_panels:
         return ["No run of this version is published."]
-    shown = f"![Best controller and best agent at each task, with 95 % intervals]({FIGURE})"
+    shown = f"![Best controller and agent at each task, with 95 % intervals]({FIGURE})"
     first = "Examples ([all results](docs/results.md)):"
     return ["\n".join([_count(shown_panels), "", shown, "", first, "", *sentences(shown_panels)])]
 
@@ -320,8 +320,9 @@ def _count(shown_panels: Sequence[Panel]) -> str:
     return (
         f"**Controllers win {wins} of {len(outcomes)} kinds of scenes, agents {losses}.** "
         + "".join(which)
-        + f"In {alike}, both are equivalent (success within 1 point, time and error within 5 %). In {ties}, "
-        f"neither is significantly better in success or error after multiple-test correction{noted}."
+        + f"Of the others, {alike} {'is' if alike == 1 else 'are'} equivalent (success within 1 point, time and error "
+        f"within 5 %); in {ties}, neither is significantly better in success or error after multiple-test "
+        f"correction{noted}."
     )
 
 
