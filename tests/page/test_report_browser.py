@@ -1538,6 +1538,67 @@ def test_teams_and_people_are_driven_by_laws_by_hand_and_by_python(browser: Brow
         assert watched.errors == []
 
 
+# the hand steers into whoever is nearest
+CHASES = """() => {
+    drive.twistByHand = ({ pose: [x, y, heading], others }) => {
+        const away = ([a, b]) => Math.hypot(a - x, b - y);
+        const [a, b] = [...others].sort((one, other) => away(one) - away(other))[0];
+        const angle = Math.atan2(b - y, a - x) - heading;
+        const turn = Math.atan2(Math.sin(angle), Math.cos(angle));
+        return [Math.abs(turn) < 0.6 ? 0.6 : 0, 0, Math.max(-1.5, Math.min(1.5, 3 * turn))];
+    };
+    drive.race.go();
+}"""
+
+# the share of red pixels in the ring around what a run hit
+RED = """([x, y, radius]) => {
+    const { view } = replay;
+    const { data } = view.context.getImageData(0, 0, view.canvas.width, view.canvas.height);
+    const at = (angle) => {
+        const [cx, cy] = view.centre, far = radius + 3 / view.pixels;
+        const place = [x + far * Math.cos(angle) - cx, y + far * Math.sin(angle) - cy];
+        const [u, v] = place.map((each) => each * view.pixels * view.ratio);
+        return 4 * (Math.round(view.canvas.height / 2 - v) * view.canvas.width + Math.round(view.canvas.width / 2 + u));
+    };
+    const ring = [...Array(72).keys()].map((k) => at(k * Math.PI / 36));
+    return ring.filter((k) => data[k] > 140 && data[k + 1] < 60 && data[k + 2] < 90).length / 72;
+}"""
+
+
+def test_a_crash_among_people_shows_who_was_hit_and_whose_people_are_drawn(
+    browser: Browser, files: dict[str, Path]
+) -> None:
+    with Watched(browser, files["demo"], viewport={"width": 1280, "height": 900}, color_scheme="light") as watched:
+        tab = watched.page
+        tab.evaluate("() => { picks.restore({ family: 'people: crowdnav_5', seed: 0 }); drive.clear(); }")
+        by_hand(tab)
+        watched.until(DRIVEN.replace("=>", "=> run === drive.hand ||"))
+        assert "people: yours are drawn" in tab.locator(".side").inner_text()
+        # towards whoever is nearest, until that is near enough
+        tab.evaluate(CHASES)
+        watched.until("drive.hand.actor.outcome !== ''")
+        assert tab.evaluate("drive.hand.actor.outcome") == "collision"
+        end = tab.evaluate("drive.hand.actor.x.length - 1")
+        assert "You hit a person, ringed in red." in tab.locator(".card").inner_text()
+        (x,), (y,) = tab.evaluate("[drive.hand.actor.x.slice(-1), drive.hand.actor.y.slice(-1)]")
+        bodies = tab.evaluate(
+            "drive.hand.actor.others.map(({ x, y }, k) => [x.at(-1), y.at(-1), replay.world.bodies[k]])"
+        )
+        hit = min(bodies, key=lambda body: math.hypot(body[0] - x, body[1] - y) - body[2])
+        others = tab.evaluate("Math.max(...drive.runs.map(({ actor }) => actor.x.length - 1))")
+        assert others > end + 40
+        for step, shown, told in (
+            (end - 2, False, "people: yours are drawn"),
+            (end, True, "people: yours are drawn"),
+            (end + 1, True, "Your run is over: now the people of"),
+            (end + 40, True, "Your run is over: now the people of"),
+        ):
+            tab.evaluate("(step) => { replay.toggle(false); replay.seek(step); }", step)
+            assert (tab.evaluate(RED, hit) > 0.5) == shown
+            assert told in tab.locator(".side").inner_text()
+        assert watched.errors == []
+
+
 def test_an_image_is_a_map_and_python_drives_there(browser: Browser, files: dict[str, Path], tmp_path: Path) -> None:
     room = np.full((60, 80), 255, np.uint8)
     room[:2] = room[-2:] = 0

@@ -12,7 +12,7 @@ const [OUT, LOST] = [3, 12]; // s: out of the scene without coming nearer, in it
 const QUIET = 1500; // ms after a run by hand
 const THERE = "in this scene";
 const JAM = 10; // s: who stands still at least so long until the time is over is stuck
-const UNENDED = { crashed: 0, stuck: Infinity, end: "", there: false }; // of a run: steps, words, whether its first robot of a team arrived
+const UNENDED = { hits: [], stuck: Infinity, end: "", there: false }; // of a run: when which of its robots crashed, steps, words, whether its first robot of a team arrived
 const LEAD = 40; // steps that all who drive are ahead of the picture
 const REASONS = [["mpc", "solves its problem with OSQP"], ["ppo", ""], ["agent", ""],
   ["nav2", "keeps a cost map that the page does not carry"], ["central", "plans for all at once, in Python"], ...["team_guided", "team_scan", "people_free", "any_robot"].map((each) => [each, "its weights are not in this file"])]; // why not here
@@ -473,7 +473,7 @@ class Drive {
     const { from, step, conditions, label, gains } = run.asked;
     const simulator = new Simulator(this.kernels, replay.world, conditions);
     try {
-      const draft = { x: [], y: [], heading: [], error: replay.world.kind === "path" ? [] : null, others: [], ...UNENDED };
+      const draft = { x: [], y: [], heading: [], error: replay.world.kind === "path" ? [] : null, others: [], ...UNENDED, hits: [] };
       const note = this.again(simulator, run.asked);
       if (from) for (let k = 0; k < step; k++) this.note(draft, [from.x[k], from.y[k], from.heading[k]], from.error ? from.error[k] : 0, from.others.map(({ x, y }) => [x[k], y[k]]));
       this.note(draft, simulator.pose, this.errorOf(simulator), simulator.others);
@@ -537,8 +537,8 @@ class Drive {
   tick(run, simulator, twist, target) {
     const flags = simulator.step(twist);
     this.note(target, simulator.pose, this.errorOf(simulator), simulator.others);
-    if (!target.crashed && simulator.ends.includes("collision")) target.crashed = target.x.length - 1;
-    const over = run === this.hand ? this.astray(run) : target.x.length - 1 === run.asked.step + run.tape.length; // a tape's end
+    simulator.ends.forEach((end, row) => { if (end === "collision" && !target.hits.some(([, each]) => each === row)) target.hits.push([target.x.length - 1, row]); });
+    const over = run === this.hand ? this.astray(run) || target.hits.length > 0 : target.x.length - 1 === run.asked.step + run.tape.length; // a tape's end
     if (!flags.ended && !over && target.x.length <= (this.replay.world.steps || 2400)) return false;
     this.finish(run, target, flags.success ? "success" : flags.collision ? "collision" : flags.left_corridor ? "left_corridor" : over ? (this.outside(run, simulator) ? "left" : "stopped") : "timeout", simulator);
     return true;
@@ -579,7 +579,7 @@ class Drive {
     const crashed = ends.filter((each) => each === "collision").length;
     const all = ends.length;
     const stuck = since.length ? Math.max(...since) : Infinity;
-    const parts = [[all > 1 && crashed, `crashed${crashed > 1 ? ", the first" : ""} after`, target.crashed], [since.length, "stuck since", stuck]].filter(([count]) => count);
+    const parts = [[all > 1 && crashed, `crashed${crashed > 1 ? ", the first" : ""} after`, (target.hits[0] || [])[0]], [since.length, "stuck since", stuck]].filter(([count]) => count);
     const told = parts.map(([count, how, k], nth) => `${all === 1 ? "" : count === all ? `all ${all} robots ` : `${count}${nth ? "" : ` of ${all} robots`} `}${how} ${(k * DT).toFixed(2)} s`);
     return { there: ends[0] === "success", stuck: crashed ? Infinity : stuck, end: all === 1 && stuck === 0 && this.lost(run) ? "finds no way wide enough" : told.join("; ") };
   }

@@ -148,11 +148,22 @@ class Race {
     return off > 0 && off < NEAR_MISS ? off : 0;
   }
 
+  // What a run by hand that crashed ran into, or another robot of its team.
+  hit({ actor }) {
+    return [...hitsOf(this.replay.world, actor, HULLS[this.replay.robot])].sort((a, b) => a.row - b.row)[0];
+  }
+
+  // How it ended, before its time.
+  how(run) {
+    return (this.hit(run) || {}).row ? "Team crash after" : ENDED[run.actor.outcome];
+  }
+
   // Why a run by hand ended before the star, in a sentence.
   why(run) {
     const { outcome } = run.actor;
     const off = outcome !== "success" && this.near(run, true);
-    const text = { left: `For ${OUT} s you were out of the scene and came no nearer to the star.`, stopped: `The others had ended, and for ${LOST} s you came no nearer to the star.` }[outcome] || "";
+    const { row, what, shape = [] } = this.hit(run) || {};
+    const text = what ? `${row ? "A robot of your team" : "You"} hit ${what}${shape[4] ? "" : ", ringed in red"}.` : { left: `For ${OUT} s you were out of the scene and came no nearer to the star.`, stopped: `The others had ended, and for ${LOST} s you came no nearer to the star.` }[outcome] || "";
     return `${text}${off ? ` You passed ${Math.max(Math.round(100 * off), 1)} cm from the ring: your middle must be in it.` : ""}`.trim();
   }
 
@@ -344,7 +355,7 @@ class Race {
     this.run = run;
     this.nth = this.now;
     this.before = this.nth < 0 ? null : this.best[this.key(this.nth)]; // the best until now
-    this.flash(ENDED[run.actor.outcome].replace(/ in$| after$|:$/, ""));
+    this.flash(this.how(run).replace(/ in$| after$|:$/, ""));
     this.tellScene();
     this.tell();
   }
@@ -373,7 +384,7 @@ class Race {
     const rows = shown.map((actor) => el("li", { class: actor === run.actor ? "mine" : "" }, el("span", {}, actor === run.actor ? "you" : actor.label.replace(/ \(.*\)/, "")), el("span", {}, arrived(actor) ? replay.result(actor) : (OUTCOMES[actor.outcome] || "still driving").replace("ran ", ""))));
     const next = this.nth < 0 ? this.due : this.nth + 1;
     const forward = next < this.challenges.length && this.nth >= 0 && medal === "gold" ? "go" : null;
-    this.say(this.ended(run, ENDED[run.actor.outcome]),
+    this.say(this.ended(run, this.how(run)),
       ...(place < 0 || !rivals.length ? [] : [el("p", { class: medal ? `medal ${medal}` : "" }, `${medal ? medal[0].toUpperCase() + medal.slice(1) : "No"} medal`),
         el("p", {}, `${["1st", "2nd", "3rd"][place] || `${place + 1}th`} of ${others.length + 1}${medal && medal !== "gold" ? `, within the limit for ${medal}` : there.some((each) => steps(each) === steps(run.actor)) ? ", a tie" : ""}`)]),
       this.why(run) ? el("p", { class: "needed" }, this.why(run)) : null,

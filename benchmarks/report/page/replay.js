@@ -13,7 +13,7 @@ function rmsOf(actor, step) {
 }
 
 const OUTCOMES = { success: "arrived", collision: "crashed", left_corridor: "left the path", timeout: "ran out of time", left: "drove off", stopped: "stopped", stuck: "got stuck" };
-const companyOf = ({ kind }) => (kind === "team" ? "team" : "crowd"); // the other bodies, in a word
+const companyOf = ({ kind }) => (kind === "team" ? "team" : "people"); // the other bodies, in a word
 const CROWDED = 4; // runs in a picture, from which on all but the chosen one are thin
 const CHART = 90; // px that the picture leaves to the first of the charts
 const PLAYBACK = 2; // times as fast as the robots
@@ -297,7 +297,7 @@ class Replay {
 
   // What the list tells of the moment and of the ends of runs.
   get endings() {
-    return [this.step > 0, ...this.actors.map((actor) => (this.tells(actor) ? (this.underWay(actor) ? 1 : 2) : 0))].join();
+    return [this.step > 0, this.actors.indexOf(this.drawn), ...this.actors.map((actor) => (this.tells(actor) ? (this.underWay(actor) ? 1 : 2) : 0))].join();
   }
 
   // What runs are compared by, here, on a card and for medals: along a path by their error, as in the tables, a race by hand by time as all else.
@@ -348,8 +348,7 @@ class Replay {
 
   listActors() {
     const order = this.ranked(this.actors);
-    const drawn = this.world.bodies && !this.other && this.company(this.chosen, this.actors.filter(({ hidden }) => !hidden));
-    const own = drawn ? [el("br"), `Each robot has its own ${companyOf(this.world)}; that of ${this.nameOf(drawn)} is drawn, and the other robots are pale.`] : [];
+    const own = this.whose ? [el("br"), `${this.whose} The other robots are pale.`] : [];
     const sorted = `${order.some((actor) => this.tells(actor)) ? "The" : "At the end the"} ${this.byError ? "closest to the line" : "fastest"} comes first.`;
     this.order.replaceChildren(...(order.length < 2 ? [] : [sorted, ...own]));
     this.offerPanes();
@@ -434,11 +433,31 @@ class Replay {
     this.refresh();
   }
 
-  // Whose others are drawn: those of who is looked at, and once that run is over those of one that goes on.
+  // Whose others are drawn: those of who is looked at, and once that run is over, or hidden, those of one that goes on.
   company(chosen, actors) {
-    if (!chosen || !chosen.others) return null;
-    if (!chosen.outcome || this.step < chosen.x.length) return chosen;
-    return actors.filter(({ x, others }) => others && others.length && x.length > chosen.x.length).sort((a, b) => b.x.length - a.x.length)[0] || chosen;
+    if (chosen && (!chosen.outcome || this.step < chosen.x.length)) return (chosen.others || []).length ? chosen : null;
+    const least = chosen ? chosen.x.length : 0;
+    return actors.filter(({ x, others = [] }) => others.length && x.length > least).sort((a, b) => b.x.length - a.x.length)[0] || chosen;
+  }
+
+  // Of several runs the one whose others are drawn.
+  get drawn() {
+    const shown = this.actors.filter(({ hidden }) => !hidden);
+    return this.world.bodies && !this.other && shown.length > 1 ? this.company(shown.find((actor) => actor === this.chosen), shown) : null;
+  }
+
+  // And in words.
+  get whose() {
+    const { drawn, chosen, world } = this;
+    if (!drawn) return "";
+    const [all, of, are] = world.kind === "team" ? ["team", "that", "is"] : ["people", "those", "are"];
+    if (drawn !== chosen && !chosen.hidden) return `${chosen.policy === KEYBOARD ? "Your run" : chosen.own ? "Your last run" : `The run of ${this.nameOf(chosen)}`} is over: now the ${all} of ${this.nameOf(drawn)} ${are} drawn.`;
+    return `Each robot has its own ${all}: ${drawn.policy === KEYBOARD ? "yours" : `${of} of ${this.nameOf(drawn)}`} ${are} drawn.`;
+  }
+
+  // What is to be known of the picture, in it.
+  get captions() {
+    return [this.whose].filter(Boolean);
   }
 
   // Draws a pane: the scene at this moment, the actors in it, of one of them the scan and what it looks at.
@@ -460,13 +479,20 @@ class Replay {
     const top = (this.races() && actors.find(({ policy }) => policy === KEYBOARD)) || chosen; // on top, marked, and who stands there fades
     const at = ({ x, y }) => [x, y].map((each) => each[Math.min(step, each.length - 1)]);
     const under = (actor) => top && actor !== top && Math.hypot(at(actor)[0] - at(top)[0], at(actor)[1] - at(top)[1]) < 2 * hull;
-    const how = (actor) => ({ chosen: actor === chosen, faint: actor !== chosen && actor !== top && faint(actor), under: under(actor), thin: chosen && actors.length > CROWDED, mark: actor === top && actors.length > 1 });
+    const hits = (actor) => hitsOf(world, actor, hull).filter(({ k, row }) => step >= k && (!row || actor === company)); // of a team those that are drawn
+    const how = (actor) => ({ chosen: actor === chosen, faint: actor !== chosen && actor !== top && faint(actor), under: under(actor), thin: chosen && actors.length > CROWDED, mark: actor === top && actors.length > 1, hits: hits(actor) });
     actors.filter((actor) => actor !== chosen && actor !== top).forEach((actor, k) => drawActor(context, actor, step, hull, pixel, { ...how(actor), lane: LANES[k % LANES.length] * (actors.length > CROWDED ? 0.5 : 1) }));
     for (const actor of new Set([chosen, top])) if (actor) drawActor(context, actor, step, hull, pixel, how(actor));
     if (!this.blank) drawStars(context, world, pixel);
     if (this.leads) drawWay(context, view, world, pixel, at(top));
-    const named = [...new Set([top, chosen, actors.find(({ policy }) => policy === FRIEND), ...actors])].filter(Boolean).map((actor) => ({ ...actor, top: actor === top, name: `${this.nameOf(actor)}${step >= actor.stuck ? `: ${actor.end}` : ""}` }));
-    if (named.length > 1 || named.some(({ stuck }) => step >= stuck)) drawNames(context, view, named, step, hull, pixel, company ? bodiesAt(world, company, step, hull) : [], this.blank ? [] : [...obstaclesAt(world, step * DT), ...[starOf(world)].filter(Boolean).map(([x, y]) => [x, y, 1, 0, 0, 0, 9 * pixel, 0])]);
+    const fate = (actor) => {
+      const { what } = hits(actor).find(({ row }) => !row) || {};
+      return what && (actor === top || actors.length <= CROWDED) ? `: hit ${what}` : step >= actor.stuck ? `: ${actor.end}` : "";
+    };
+    const told = !pane && !this.blank ? this.captions : [];
+    const caption = told.length ? drawCaption(context, view, told, pixel) : [];
+    const named = [...new Set([top, chosen, actors.find(({ policy }) => policy === FRIEND), ...actors])].filter(Boolean).map((actor) => ({ ...actor, top: actor === top, name: `${this.nameOf(actor)}${fate(actor)}` }));
+    if (named.length > 1 || actors.some(fate)) drawNames(context, view, named, step, hull, pixel, company ? bodiesAt(world, company, step, hull) : [], this.blank ? [] : [...obstaclesAt(world, step * DT), ...[starOf(world)].filter(Boolean).map(([x, y]) => [x, y, 1, 0, 0, 0, 9 * pixel, 0])], caption);
     return context;
   }
 

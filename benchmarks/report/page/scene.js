@@ -4,6 +4,7 @@ const HULLS = {}; // m, by robot: the payload tells them
 const BOXES = {}; // m, length, width and how far ahead the middle is of the hulls that are rectangles
 const REACH = 5.0; // m, of the scan that is drawn
 const BEAMS = 72;
+const TOUCH = 0.15; // m, within which a robot that crashed was of what it hit
 
 // A hull is its radius, or a rectangle of BOXES.
 function tellHull(robot, hull) {
@@ -41,6 +42,30 @@ function distanceTo([ox, oy, cos, sin, halfLength, halfWidth, radius], x, y) {
 function bodiesAt(world, actor, k, hull) {
   const found = (actor.others || []).map(({ x, y }, j) => [x[Math.min(k, x.length - 1)], y[Math.min(k, y.length - 1)], 1, 0, 0, 0, world.bodies[j] ?? hull, 0]);
   return found.filter(([x]) => x < AWAY);
+}
+
+// The collisions of an actor's run: when, which robot of a team, and what it hit, as an obstacle and in words; of a recorded team nobody knows when.
+function hitsOf(world, actor, hull) {
+  const { x: { length }, hits = [], outcome, version, others = [] } = actor;
+  const found = hits.length ? hits : outcome === "collision" && !(world.starts || []).length ? [[length - 1, 0]] : [];
+  const key = `${version} ${found.length}`;
+  if (actor.struck && actor.struck.key === key) return actor.struck.found;
+  const struck = found.map(([k, row]) => {
+    const all = [actor, ...others].map(({ x, y }) => [x, y].map((each) => each[Math.min(k, each.length - 1)]));
+    const radius = (j) => (j && world.bodies[j - 1]) || hull;
+    const patrols = world.patrols || [];
+    const things = [...all.map(([x, y], j) => ({ shape: [x, y, 1, 0, 0, 0, radius(j), 0], what: j && world.bodies[j - 1] !== null ? "a person" : "a robot" })).filter(({ shape: [x] }, j) => j !== row && x < AWAY),
+      ...solidsAt(world, k * DT).map((shape, j) => ({ shape, what: shape[4] > 0 && !shape[5] ? "a wall" : (patrols[j] || [])[4] > 0 ? "a moving obstacle" : "an obstacle" }))];
+    const [x, y] = all[row];
+    const [l, w, m = 0] = (!row && BOXES[actor.robot]) || [];
+    const [c, s] = l ? [Math.cos(actor.heading[k]), Math.sin(actor.heading[k])] : [];
+    const edge = l ? [-1, -0.5, 0, 0.5, 1].flatMap((a) => [[a, 1], [a, -1], [1, a], [-1, a]]).map(([a, b]) => [m + 0.5 * l * a, 0.5 * w * b]).map(([u, v]) => [x + c * u - s * v, y + s * u + c * v]) : [[x, y]];
+    const gap = ({ shape }) => Math.min(...edge.map(([u, v]) => distanceTo(shape, u, v))) - (l ? 0 : hull);
+    const [nearest] = things.map((each) => ({ ...each, gap: gap(each) })).sort((a, b) => a.gap - b.gap);
+    return { k, row, ...(nearest && nearest.gap < TOUCH ? nearest : {}) };
+  });
+  actor.struck = { key, found: struck };
+  return struck;
 }
 
 function clearanceAt(world, time, x, y, hull) {
@@ -227,7 +252,7 @@ function flag(context, x, y, size) {
 
 const LANES = [1, -1, 2, -2, 3, -3].map((each) => 2.2 * each); // px to the left of its way, so that equal ones do not hide each other
 
-function drawActor(context, actor, k, hull, pixel, { chosen, faint, under, thin, mark, lane = 0 }) {
+function drawActor(context, actor, k, hull, pixel, { chosen, faint, under, thin, mark, hits, lane = 0 }) {
   const last = Math.min(k, actor.x.length - 1);
   const colour = ink(colourName(actor.policy));
   const alpha = faint || actor.ghost || actor.stale || (k > last && !actor.outcome) ? 0.35 : 1; // what is not yet driven so far is a ghost too
@@ -271,13 +296,45 @@ function drawActor(context, actor, k, hull, pixel, { chosen, faint, under, thin,
   context.beginPath(); // its nose
   for (const [turn, far] of [[0, 1], [2.5, 0.8], [Math.PI, 0.25], [-2.5, 0.8]]) context.lineTo(x + far * hull * Math.cos(heading + turn), y + far * hull * Math.sin(heading + turn));
   context.fill();
-  if (last === actor.x.length - 1 && actor.outcome && actor.outcome !== "success" && !actor.there) failed(context, x, y, Math.max(0.7 * hull, 8 * pixel), pixel);
+  if (hits.some(({ row }) => !row) || (last === actor.x.length - 1 && actor.outcome && actor.outcome !== "success" && !actor.there)) failed(context, x, y, Math.max(0.7 * hull, 8 * pixel), pixel);
+  context.globalAlpha = alpha;
+  for (const { shape } of hits) if (shape && !shape[4]) drawHit(context, shape, alpha, pixel);
   context.globalAlpha = 1;
 }
 
+// Who was hit, where that was: others may be drawn by then.
+function drawHit(context, [x, y, , , , , radius], alpha, pixel) {
+  [context.strokeStyle, context.fillStyle, context.lineWidth] = [ink("--fail"), ink("--fail"), 3 * pixel];
+  context.beginPath();
+  context.arc(x, y, radius + 3 * pixel, 0, 2 * Math.PI);
+  context.stroke();
+  context.globalAlpha = 0.3 * alpha;
+  context.fill();
+  context.globalAlpha = alpha;
+}
+
+// Sentences at the foot of the picture; returns where their lines are, as `drawNames` has it.
+function drawCaption(context, view, sentences, pixel) {
+  context.save();
+  context.scale(pixel, -pixel);
+  [context.font, context.textAlign, context.lineWidth, context.strokeStyle, context.fillStyle] = ["13px system-ui, sans-serif", "left", 4, ink("--paper"), ink("--ink")];
+  const room = view.width - 16;
+  const lines = sentences.flatMap((each) => each.split(" ").reduce((found, word) => {
+    const longer = found.length ? `${found[found.length - 1]} ${word}` : word;
+    return found.length && context.measureText(longer).width <= room ? [...found.slice(0, -1), longer] : [...found, word];
+  }, []));
+  const [left, foot] = [view.centre[0] / pixel - view.width / 2 + 8, -view.centre[1] / pixel + view.height / 2 - 8];
+  const places = lines.map((line, k) => {
+    const [at, half] = [foot - 17 * (lines.length - 1 - k), context.measureText(line).width / 2];
+    for (const how of ["strokeText", "fillText"]) context[how](line, left, at);
+    return [left + half, at, half];
+  });
+  context.restore();
+  return places;
+}
+
 // Who is who, beside the robots, clear of them and of other bodies; those on one spot are counted. A name without room is left out.
-function drawNames(context, view, actors, k, hull, pixel, bodies, things) {
-  const placed = [];
+function drawNames(context, view, actors, k, hull, pixel, bodies, things, placed) {
   const [middle, height] = [view.centre[0] * view.pixels, -view.centre[1] * view.pixels];
   context.save();
   context.scale(pixel, -pixel);
@@ -329,6 +386,7 @@ function drawNames(context, view, actors, k, hull, pixel, bodies, things) {
 
 // The other bodies of the run of an actor: robots as large as it, and people, with the goals of the robots.
 function drawBodies(context, world, actor, k, hull, pixel) {
+  const fallen = hitsOf(world, actor, hull).filter((each) => k >= each.k).map(({ row }) => row - 1);
   context.lineWidth = 1.5 * pixel;
   actor.others.forEach(({ x, y }, j) => {
     const at = Math.min(k, x.length - 1);
@@ -349,7 +407,7 @@ function drawBodies(context, world, actor, k, hull, pixel) {
     context.setLineDash([2 * pixel, 4 * pixel]);
     context.stroke();
     context.setLineDash([]);
-    if (actor.outcome && k >= actor.x.length - 1) failed(context, x[at], y[at], Math.max(0.7 * hull, 8 * pixel), pixel); // it is still there
+    if (fallen.includes(j) || (actor.outcome && k >= actor.x.length - 1)) failed(context, x[at], y[at], Math.max(0.7 * hull, 8 * pixel), pixel); // it is still there
     context.lineWidth = 1.5 * pixel;
   });
 }
