@@ -457,7 +457,7 @@ class Replay {
 
   // What is to be known of the picture, in it.
   get captions() {
-    return [this.whose].filter(Boolean);
+    return [this.whose, this.world.path && this.world.goal && "Robots dodge obstacles here, and may cut corners of the line."].filter(Boolean);
   }
 
   // Draws a pane: the scene at this moment, the actors in it, of one of them the scan and what it looks at.
