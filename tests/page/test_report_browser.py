@@ -449,6 +449,12 @@ def test_arrow_keys_drive_after_a_click_in_the_bar_and_work_a_list_that_tab_led_
             assert tab.evaluate(f"[{ahead} > 0, replay.playing, replay.rate]") == [True, True, 1]
             tab.keyboard.up("ArrowUp")
             assert tab.evaluate(ahead) == 0
+        clock = "getComputedStyle(replay.clock, '::after').content"
+        assert tab.evaluate(clock) == "none"
+        tab.keyboard.press("Space")
+        assert tab.evaluate(f"[{clock}, replay.playing]") == ['"paused: arrows drive on"', False]
+        tab.keyboard.press("ArrowLeft")
+        assert tab.evaluate(f"[{clock}, replay.playing]") == ["none", True]
         tab.get_by_role("slider", name="time").focus()
         tab.keyboard.press("Tab")
         tab.keyboard.press("ArrowDown")

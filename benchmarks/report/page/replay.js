@@ -264,9 +264,15 @@ class Replay {
     return !this.playing && this.actors.length > 0 && !this.races();
   }
 
+  // Whether a race by hand is: there arrows drive on.
+  get rests() {
+    return !this.playing && this.races() && !this.poised();
+  }
+
   // The clock; a run that still drives has no end yet.
   tell() {
     this.clock.classList.toggle("paused", this.paused && this.step < this.last);
+    this.clock.classList.toggle("rests", this.rests);
     this.scrubber.max = String(this.busy && this.busy() ? Math.max(this.last, UNENDING) : this.last);
     this.scrubber.value = String(this.step);
     this.scrubber.setAttribute("aria-valuetext", `${(this.step * DT).toFixed(2)} s`);
@@ -398,7 +404,7 @@ class Replay {
     this.playing = on;
     this.playButton.textContent = on ? "pause" : "play";
     this.tell();
-    if (!on) { this.halts(); return; }
+    if (!on) { this.halts(); if (this.rests) this.refresh(); return; }
     this.listActors();
     if (this.step >= this.last && !(this.busy && this.busy())) this.seek(0);
     let before = null;
@@ -457,7 +463,8 @@ class Replay {
 
   // What is to be known of the picture, in it.
   get captions() {
-    return [this.whose, this.world.path && this.world.goal && "Robots dodge obstacles here, and may cut corners of the line."].filter(Boolean);
+    return [this.whose, this.world.path && this.world.goal && "Robots dodge obstacles here, and may cut corners of the line.",
+      this.rests && `Paused: ${coarse() ? "a button of the pad" : "an arrow key"} drives on.`].filter(Boolean);
   }
 
   // Draws a pane: the scene at this moment, the actors in it, of one of them the scan and what it looks at.
