@@ -406,6 +406,9 @@ def test_a_race_has_a_result_and_its_link_carries_the_run(browser: Browser, file
                 break
             other.wait_for_timeout(100)
         assert "A friend sent you this run" in other.locator(".sentence").inner_text()
+        other.keyboard.press("Enter")  # as one ends a link that was pasted
+        assert other.evaluate("[drive.hand, replay.playing]") == [None, False]
+        assert other.locator(".card").is_visible()
         assert other.evaluate("drive.looks.button.dataset.why") == "choose a rival first"
         driven = POSES.replace("drive.runs", "drive.runs.filter((run) => run.tape.length)")
         (_, mine), (_, friend) = (each.evaluate(driven)[0] for each in (tab, other))

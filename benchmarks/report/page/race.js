@@ -57,7 +57,7 @@ class Race {
     if (this.challenges.length) this.lay();
     document.addEventListener("keydown", (event) => {
       const key = event.key.toLowerCase();
-      const act = key === "r" ? (this.drive.hand || this.watched || !this.card.hidden) && (() => this.again()) : !this.card.hidden && (key === "escape" ? () => this.close() : key === "enter" && event.target.tagName !== "BUTTON" && (() => this.card.querySelector(".go").click()));
+      const act = key === "r" ? (this.drive.hand || this.watched || !this.card.hidden) && (() => this.again()) : !this.card.hidden && (key === "escape" ? () => this.close() : key === "enter" && this.run && !event.repeat && event.target.tagName !== "BUTTON" && /* that of a pasted link starts no race */ (() => this.card.querySelector(".go").click()));
       if (!act || event.ctrlKey || event.metaKey || event.altKey || /INPUT|SELECT/.test(event.target.tagName)) return;
       event.preventDefault();
       act();
