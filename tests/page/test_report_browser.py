@@ -1220,6 +1220,16 @@ def test_what_is_shown_is_recorded(browser: Browser, files: dict[str, Path], tmp
         download.value.save_as(tmp_path / "film.webm")
         made = watched.page.evaluate("bytes => picturesIn(bytes)", [*(tmp_path / "film.webm").read_bytes()])
         assert made > watched.page.evaluate("replay.last * DT / replay.rate * FILM.rate / 2")
+        # a replay that ran goes on afterwards; so many seconds are left of the film
+        watched.page.evaluate("replay.pace(1); replay.toggle(true)")
+        with watched.page.expect_download(timeout=60_000):
+            watched.page.get_by_role("button", name="record").click()
+            left = int(watched.page.locator(".record").inner_text().split()[2])
+            watched.page.wait_for_timeout(2000)
+            assert 0 < int(watched.page.locator(".record").inner_text().split()[2]) < left
+            watched.page.get_by_role("button", name="stop recording").click()
+        assert watched.page.evaluate("[replay.playing, replay.step < replay.last]") == [True, True]
+        watched.page.evaluate("replay.pace(8)")
         # another scene, or other motors, are no part of it
         watched.page.get_by_role("button", name="record").click()
         watched.until("replay.step > 3")

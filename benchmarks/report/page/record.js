@@ -41,7 +41,8 @@ function framed(film, { board, canvas, beside, chosen, other, actors, step }) {
     context.drawImage(pane, factor * (left - whole.left), factor * (top - whole.top), factor * width, factor * height);
     if (actor && (other || actors.length === 1 || result(actor) !== actor.label)) write(result(actor), factor * (left - whole.left) + 10, factor * (top - whole.top) + 22); // elsewhere names are in the picture
   }
-  write(`wayfield, ${(step * DT).toFixed(2)} s`, 10, film.height - 10);
+  const clock = `wayfield, ${(step * DT).toFixed(2)} s`;
+  write(clock, film.width - 10 - context.measureText(clock).width, film.height - 10); // sentences stand on the left
 }
 
 // Whether the picture is not on the screen, or has not been drawn since it came back.
@@ -50,14 +51,17 @@ const unseen = ({ board, canvas }) => !board.clientWidth || !canvas.width;
 // Until it is stopped, or the run is over. The replay waits for the film: however slow the machine, none of its moments is lost.
 function recordButton(replay) {
   const button = el("button", { type: "button", class: "stepwise record", title: `a film of at most ${FILM.seconds} s`, on: { click: () => (!recorder ? begin() : armed ? ended() : stop()) } }, "record");
+  const { title } = button;
   let [recorder, rest, armed, stop] = [null, 0, false, null]; // armed: it begins with the first press of a race
   const ended = () => {
     clearInterval(rest);
-    [recorder, replay.filmed, button.textContent] = [null, null, "record"];
+    [recorder, replay.filmed, button.textContent, button.title] = [null, null, "record", title];
     button.removeAttribute("aria-label");
     button.classList.remove("on");
   };
   const begin = () => {
+    const ran = replay.playing;
+    let halt = null; // the step from which the replay goes on once the film is there
     if (!replay.races()) replay.seek(0); // a run is filmed from its start
     const { width, height } = replay.board.getBoundingClientRect();
     const film = el("canvas", { width: Math.min(Math.round(width), FILM.width), height: Math.round(Math.min(1, FILM.width / width) * height) });
@@ -65,10 +69,15 @@ function recordButton(replay) {
     const parts = [];
     let [count, at, rests] = [0, 0, 0];
     let [held, lost, changed, stopped] = [0, 0, 0, 0]; // pictures in the film, those given up, and when (ms)
+    const tells = () => {
+      const left = replay.races() || (replay.busy && replay.busy()) ? Infinity : ((replay.last - replay.step) * DT) / replay.rate + FILM.rests / FILM.rate;
+      [button.textContent, button.title] = [`■ stop, ${Math.max(Math.ceil(Math.min(left, FILM.seconds - count / FILM.rate)), 0)} s`, "it records as long as the film will be; so many seconds are left"];
+    };
     const frame = () => {
       if (recorder.state !== "recording" || unseen(replay) || performance.now() - at < 1000 / FILM.rate - 5) return;
       at = performance.now();
       framed(film, replay);
+      tells();
       if (++count > FILM.seconds * FILM.rate) stop();
     };
     recorder = new MediaRecorder(film.captureStream(), { mimeType: "video/webm", videoBitsPerSecond: FILM.bits });
@@ -83,7 +92,9 @@ function recordButton(replay) {
     // the encoder first comes to its end
     stop = () => {
       if (stopped) recorder.stop();
+      else if (ran && replay.playing && !replay.races()) halt = replay.step;
       if (!replay.races()) replay.toggle(false);
+      button.textContent = "saving";
       [stopped, replay.filmed] = [performance.now(), null];
     };
     rest = setInterval(() => { // its last picture stands for a moment
@@ -107,6 +118,7 @@ function recordButton(replay) {
     };
     recorder.onstop = async () => {
       ended();
+      if (halt === replay.step && halt < replay.last && !replay.races()) replay.toggle(true);
       held = await bytes();
       downloaded(new Blob(parts, { type: "video/webm" }), FILM.name);
       noted(held < 0.5 * count ? `The film has only ${held} of its ${count} pictures, as this computer is too busy: close other programs, and record again.`
@@ -114,7 +126,7 @@ function recordButton(replay) {
     };
     armed = replay.poised();
     if (!armed) recorder.start(100);
-    button.textContent = "■ stop";
+    tells();
     button.setAttribute("aria-label", "stop recording");
     button.classList.add("on");
     if (armed) noted("The film begins with your first press.", button.getBoundingClientRect());
