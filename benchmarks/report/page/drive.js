@@ -422,8 +422,8 @@ class Drive {
     this.race.clear();
     this.rest();
     this.replay.edge = null;
-    if (this.replay.leads) this.replay.whole();
     if (!this.hand) return;
+    if (this.replay.leads) this.replay.whole();
     this.replay.pace(PLAYBACK);
     if (this.hand.simulator) this.hand.simulator.free();
     if (!this.hand.actor.outcome) this.hand.actor.note = "stopped";

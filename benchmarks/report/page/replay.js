@@ -28,7 +28,7 @@ class Replay {
     this.rate = PLAYBACK;
     this.playing = false;
     this.follows = false;
-    this.leads = false; // whether the picture, a small one, is near the hand
+    this.leads = false; // whether the picture, a small one, is near the hand, or near one robot in a wide scene
     this.scans = false;
     this.plots = !told.demo;
     this.actors = [];
@@ -218,6 +218,8 @@ class Replay {
     this.split(null);
     this.stretch();
     this.fit();
+    const [x0, y0, x1, y1] = this.view.bounds;
+    this.leads = !this.follows && this.view.width < 480 && x1 - x0 > 1.6 * (y1 - y0) && world.name !== "drawn" && !document.body.dataset.embed; // a line stays where it was drawn
     this.seek(0);
     this.listActors();
     for (const run of this.listeners) run();
@@ -491,7 +493,7 @@ class Replay {
     actors.filter((actor) => actor !== chosen && actor !== top).forEach((actor, k) => drawActor(context, actor, step, hull, pixel, { ...how(actor), lane: LANES[k % LANES.length] * (actors.length > CROWDED ? 0.5 : 1) }));
     for (const actor of new Set([chosen, top])) if (actor) drawActor(context, actor, step, hull, pixel, how(actor));
     if (!this.blank) drawStars(context, world, pixel);
-    if (this.leads) drawWay(context, view, world, pixel, at(top));
+    if (this.leads && top) drawWay(context, view, world, pixel, at(top));
     const fate = (actor) => {
       const { what } = hits(actor).find(({ row }) => !row) || {};
       return what && (actor === top || actors.length <= CROWDED) ? `: hit ${what}` : step >= actor.stuck ? `: ${actor.end}` : "";
@@ -510,11 +512,13 @@ class Replay {
     const at = ({ x, y }) => [x, y].map((each) => each[Math.min(step, each.length - 1)]);
     if (this.follows && chosen) [view.middle, view.zoom] = [at(chosen), Math.max(view.zoom, 2.5)];
     if (this.leads && chosen) {
-      if (this.poised()) [view.zoom, view.middle] = [1, null]; // until the clock starts all of it is seen, its doors too
-      else view.lead(at(chosen), world.goal);
+      const [, y0, , y1] = view.bounds;
+      const all = this.races() ? this.poised() : !(this.playing || step) || this.other || this.canvas.classList.contains("held") || this.actors.some((actor) => Boolean(actor.hidden) === (actor === chosen));
+      if (all) [view.zoom, view.middle] = [1, null]; // until the clock starts all of it is seen, its doors too
+      else view.lead(at(chosen), world.goal, this.races() ? NEAR : Math.min(NEAR, view.height / (y1 - y0)));
     }
     const shown = this.actors.filter((actor) => !actor.hidden);
-    this.fitButton.hidden = !view.middle || this.follows || this.leads;
+    this.fitButton.hidden = !view.middle || this.follows || (this.leads && this.races());
     this.followButton.hidden = !this.fitButton.hidden;
     this.scanButton.hidden = !(world.bodies || world.walls || (world.obstacles && world.obstacles.length)); // nothing to see
     if (this.endings !== this.listed) {

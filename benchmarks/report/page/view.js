@@ -49,12 +49,12 @@ class View {
   }
 
   // Nearer to a place where the whole is small, some way towards another, and within the bounds.
-  lead([x, y], goal) {
+  lead([x, y], goal, near = NEAR) {
     const [x0, y0, x1, y1] = this.bounds;
     this.zoom = 1;
-    if (this.pixels >= NEAR) { this.middle = null; return; }
-    this.zoom = NEAR / this.pixels;
-    const half = [this.width, this.height].map((side) => side / 2 / NEAR);
+    if (this.pixels >= near) { this.middle = null; return; }
+    this.zoom = near / this.pixels;
+    const half = [this.width, this.height].map((side) => side / 2 / near);
     const [dx, dy] = goal ? [goal[0] - x, goal[1] - y] : [0, 0];
     const share = Math.min(1, (0.5 * Math.min(...half)) / Math.max(Math.hypot(dx, dy), 0.01));
     const within = (at, low, high, k) => (high - low < 2 * half[k] ? (low + high) / 2 : Math.min(Math.max(at, low + half[k]), high - half[k]));
