@@ -321,7 +321,7 @@ def _count(shown_panels: Sequence[Panel]) -> str:
         f"**Controllers win {wins} of {len(outcomes)} kinds of scenes, agents {losses}.** "
         + "".join(which)
         + f"Of the others, {alike} {'is' if alike == 1 else 'are'} equivalent (success within 1 point, time and error "
-        f"within 5 %); in {ties}, neither is significantly better in success or error after multiple-test "
+        f"within 5 %). In {ties}, neither is significantly better in success or error after multiple-test "
         f"correction{noted}."
     )
 
