@@ -65,7 +65,8 @@ TUNED = " tuned"  # behind the name of a law, of the gains that `tune` found for
 _ORCAS = ("orca_team", f"orca_team{TUNED}")
 _FORCES = ("social_force", f"social_force{TUNED}")
 _DEAR = ("mppi", "nav2_dwb")  # a millisecond a decision: they drive teams of up to 4 alone
-_UNTUNED = ("vfh_plus", "dwa", "scan_planner", "any_robot", "mppi")
+_AMONG = ("vfh_plus", f"vfh_plus{TUNED}", "dwa", f"dwa{TUNED}", "scan_planner", f"scan_planner{TUNED}")
+_SCANNING = (*_AMONG, "any_robot", "mppi", "nav2_dwb")  # among people
 _BY_SCAN = ("vfh_plus", f"vfh_plus{TUNED}", "dwa", "scan_planner", "any_robot", *_DEAR)
 # so that a table is no wider than a page
 SHORT = {_ORCAS[1]: "tuned", "team_guided": "guided", "team_scan": "scan"} | dict(
@@ -78,7 +79,11 @@ RIVALS = {
     "ppo": (*_ORCAS, *_BY_SCAN),
     "hybrid": ("ppo", f"vfh_plus{TUNED}", "scan_planner"),
 }
-AMONG_PEOPLE = {"people_free": (*_ORCAS, *_FORCES, "ppo", *_UNTUNED), "ppo": _UNTUNED}
+AMONG_PEOPLE = {
+    "people_free": (*_ORCAS, *_FORCES, "ppo", *_SCANNING),
+    "ppo": _SCANNING,
+    "hybrid": ("ppo", "scan_planner", f"scan_planner{TUNED}"),
+}
 AGENTS = {
     "team_guided": "teams_guided",
     "team_scan": "teams_scan",
@@ -475,11 +480,12 @@ def seeds_of(rows: Iterable[Row], agent: str) -> int:
     return len({row["policy"] for row in rows if row["policy"].startswith(f"{agent} seed")})
 
 
-def taken(first: str, other: str, change: Less, page: Sequence[float], seeds: int) -> str:
+def taken(first: str, other: str, change: Less, page: Sequence[float], seeds: int, seeing: bool = False) -> str:
     """Returns which of two to take, by what the first solves more than the other.
 
     Where that is not significant, or an agent has too few seeds for a claim, a controller goes before an agent, of two
-    of a kind the one that is ahead, else the one that sees less, and of two that see the same the one that solved more.
+    of a kind the one that is ahead, else the one that sees less, unless bodies are seen anyway (`seeing`), else the one
+    that solved more.
     """
     verdict = change.outcome(page).partition(", ")[0]
     alike = (first in AGENTS) == (other in AGENTS)
@@ -487,7 +493,7 @@ def taken(first: str, other: str, change: Less, page: Sequence[float], seeds: in
         return first if verdict in (BETTER, AHEAD) else other
 
     def cost(name: str) -> tuple[bool, bool]:
-        return name in AGENTS, name not in LEAST_ACCESS
+        return name in AGENTS, name not in LEAST_ACCESS and not seeing
 
     if cost(first) != cost(other):
         return min(first, other, key=cost)
@@ -662,7 +668,7 @@ def _shown_people(rows: Sequence[Row], comparisons: Sequence[Compared], page: Se
 
 CHOOSING = "choosing.md"  # beside the folder of results
 BEGIN, END = "<!-- flocks: made by python benchmarks/studies/flocks.py -->", "<!-- end of flocks -->"
-LEAST_ACCESS = ("team_scan", *SEEKERS, *_BY_SCAN)  # who see by beams alone; all others see bodies
+LEAST_ACCESS = ("team_scan", *SEEKERS, *_BY_SCAN, *_SCANNING)  # who see by beams alone; all others see bodies
 PLACES: Mapping[str, tuple[str, Callable[[Row], bool]]] = {
     "Drive in a team, open field": ("solved", lambda row: is_of("open", row["family"])),
     "Drive in a team of up to 8, doors and rooms": (
@@ -702,18 +708,19 @@ def advice(teams: Sequence[Row], people: Sequence[Row]) -> str:
         names = [name for name in names if metric == "success" or name not in _DEAR]
         names.sort(key=functools.partial(standing, complete(rows, names), metric))
 
-        def beats(first: str, other: str, rows: list[Row] = rows, metric: str = metric) -> bool:
+        def beats(first: str, other: str, seeing: bool, rows: list[Row] = rows, metric: str = metric) -> bool:
             both = complete(rows, (first, other))
             seeds = min((seeds_of(both, each) for each in (first, other) if each in AGENTS), default=LEAST_SEEDS)
-            return taken(first, other, less(both, first, other, metric), page_ps, seeds) == first
+            return taken(first, other, less(both, first, other, metric), page_ps, seeds, seeing) == first
 
         for access, able in (("lidar", [name for name in names if name in LEAST_ACCESS]), ("bodies", names)):
             if len(able) < 2:
                 continue
-            best = next((name for name in able if all(beats(name, each) for each in able if each != name)), able[0])
+            seeing = access == "bodies"
+            best = next((a for a in able if all(beats(a, b, seeing) for b in able if b != a)), able[0])
+            others = [name for name in able if name != best]
             # who takes a lidar where bodies are known is to be told what those bring
-            seeing = [name for name in able if name not in LEAST_ACCESS and name != best]
-            following = (seeing or [name for name in able if name != best])[0]
+            following = ([name for name in others if seeing and name not in LEAST_ACCESS] or others)[0]
             both = complete(rows, (best, following))
             change, (won, later) = less(both, best, following, metric), standing(both, metric, best)
             lead = f"{versus(change.outcome(page_ps), _code(following))}: {change.shown} points"
@@ -871,9 +878,9 @@ Made by `python benchmarks/studies/flocks.py`. How the policies were run:
 - **Scenes** are the first of each family in the split `claims`: {counts}. All scenes of a `circle_exact_*` are one
   circle, turned: they count as one scene, and these families as one family.
 - **Controllers** have their default gains, unless called `tuned`. With the default gains `orca_team` does not give way
-  at doors. {tuning} In teams no gains of `scan_planner`, `any_robot`, `mppi` and `nav2_dwb` were searched, among
-  people none of controllers with a lidar. `any_robot` has no network for omni3: it is `scan_planner` behind a shield
-  that brakes.
+  at doors. {tuning} In teams no gains of `scan_planner`, `any_robot`, `mppi` and `nav2_dwb` were searched; among
+  people those of controllers with a lidar in our own families only. `any_robot` has no network for omni3: it is
+  `scan_planner` behind a shield that brakes.
 - **Agents** were trained in other scenes of the same families; `people_free` drove more than half of its training on
   CrowdNav's circle. `team_guided` and `people_free` add to the command of `orca_team` with default gains; the collision
   avoidance of `orca_team` is applied to what `team_guided` adds. `ppo` was trained alone among obstacles: other robots
@@ -896,11 +903,11 @@ How to read the numbers:
 - **The list** below has of each agent and place the best rivals: an agent, a controller with a lidar only, one that
   sees bodies. The tables have all.
 
-Not shown: other robots, noise, and controllers with a lidar tuned for crowds; `polar`, which does not see others;
+Not shown: other robots and noise; `polar`, which does not see others;
 `orca_team_map` and `central`, which have the whole map or all goals. A decision of `scan_planner` takes 0.1 ms of a
 core, of `mppi` 1.1, of `nav2_dwb` 1.8, of `nav2_mppi` 2.9. So `mppi` and `nav2_dwb` drove teams of up to 4 robots only,
-in five scenes of a family, and are left out of the first table and of the advice for teams; `nav2_mppi` drove in none,
-and neither it nor `nav2_dwb`, `hybrid` and `team_scan` among people. An empty cell was not run.
+in five scenes of a family, and are left out of the first table and of the advice for teams. `nav2_mppi` was not driven,
+nor `team_scan` among people. An empty cell was not run.
 
 [All results](../results.md)
 """
