@@ -307,7 +307,7 @@ def page(rows: Sequence[dict[str, str]]) -> str:
     words = f" Not driven: {'; '.join(left)}." if left else ""
     words += f" No agent ships for the class of {'; '.join(agentless)}." if agentless else ""
     parts = [PROSE.strip().format(seeds=seeds, left=words, comparisons=len(results.compared))]
-    for title, moving in (("What stands still", False), ("What moves", True)):
+    for title, moving in (("Static obstacles", False), ("Moving obstacles", True)):
         name = results.conditions[0]
         number = len(results.of(LAWS[0], "success", moving, [name]))
         families = ", ".join(f"`{each}`" for each in (MOVING if moving else STILL))
@@ -319,7 +319,7 @@ def page(rows: Sequence[dict[str, str]]) -> str:
 PROSE = f"""# A driver for every robot, away from home
 
 Made by `python benchmarks/studies/everywhere.py`; tables and sentences are made of the rows beside it. `{AGENT}` is
-one network for all differential drives, told the data sheet, below the planner of `scan_planner`, which drives by
+one network for all differential drives, with the data sheet as an input, below the planner of `scan_planner`, which drives by
 itself where the network makes no way; none of the robots below was in its training. {{seeds}} A shield stands behind
 it, always.
 `vfh_plus` and `scan_planner` have their default gains. All see the same scan and are asked for the same speed. Cells
