@@ -155,6 +155,8 @@ def lab_2_or_3(file: Path, rng: np.random.Generator, folder: Path, lab: int) -> 
         rivals = {"default": make("lookahead_retuned"), "mpc": make("mpc")}
     else:
         agent = file.parent / content["agent"]
+        if not (agent / "card.json").is_file():
+            raise Wrong(f"agent is {content['agent']!r}, which holds no card.json: train one as the sheet says")
         robots = json.loads((agent / "card.json").read_text(encoding="utf-8"))["robots"]
         if robots != ["kobuki"]:
             raise Wrong(f"agent was trained on {', '.join(robots)}: train one on the Kobuki, --robot kobuki")
