@@ -236,8 +236,11 @@ def main(out: Path | None) -> None:
 
 
 def site() -> str:
-    """Returns the address that the site is published at, or ""."""
-    return os.environ.get(SITE, "").rstrip("/")
+    """Returns the address that the site is published at, or ""; click.UsageError if it is no web address."""
+    address = os.environ.get(SITE, "").rstrip("/")
+    if address and not address.startswith(("https://", "http://")):
+        raise click.UsageError(f"{SITE} is {address!r}; it must begin with https:// or http://")
+    return address
 
 
 def preview(address: str) -> str:

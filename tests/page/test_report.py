@@ -223,12 +223,16 @@ def test_the_list_of_a_kind_of_scene_begins_with_the_first_of_its_published_tabl
     assert set(demo.BEST) == {spec.kind for spec in IN_PAGE.values()}
 
 
-def test_the_demo_is_not_written_over_what_is_no_page(tmp_path: Path) -> None:
+def test_the_demo_is_not_written_over_what_is_no_page_nor_for_a_site_that_is_none(tmp_path: Path) -> None:
     (tmp_path / "path.csv").write_text("x,y\n0,0\n")
     made = CliRunner().invoke(demo.main, ["--out", str(tmp_path / "path.csv")])
     assert made.exit_code == 2
     assert "must end in .html" in made.stderr
     assert (tmp_path / "path.csv").read_text() == "x,y\n0,0\n"
+    made = CliRunner().invoke(demo.main, ["--out", str(tmp_path / "demo.html")], env={demo.SITE: "somebody.example"})
+    assert made.exit_code == 2
+    assert f"{demo.SITE} is 'somebody.example'" in made.stderr
+    assert not (tmp_path / "demo.html").exists()
 
 
 def test_the_demo_is_one_file_within_its_budget_that_asks_for_nothing(tmp_path: Path) -> None:
