@@ -319,10 +319,10 @@ def page(rows: Sequence[dict[str, str]]) -> str:
 PROSE = f"""# A driver for every robot, away from home
 
 Made by `python benchmarks/studies/everywhere.py`; tables and sentences are made of the rows beside it. `{AGENT}` is
-one network for all differential drives, with the data sheet as an input, below the planner of `scan_planner`, which drives by
-itself where the network makes no way; none of the robots below was in its training. {{seeds}} A shield stands behind
-it, always.
-`vfh_plus` and `scan_planner` have their default gains. All see the same scan and are asked for the same speed. Cells
+one network for all differential drives, with the data sheet as an input, below the planner of `scan_planner`, which
+drives by itself where the network makes no way; none of the robots below was in its training. {{seeds}} A shield
+stands behind it, always.
+`vfh_plus` and `scan_planner` have their default gains. All see the same scan and have the same target speed. Cells
 are success / collisions in per cent. The differences are paired by scene, in points of success, with 95 % intervals.
 Better and worse are corrected by Holm's method for the {{comparisons}} comparisons of this page, ahead and behind are
 not; equivalent is within {100.0 * MARGIN:g} point, all else is a tie. Scenes are drawn from seeds of their own, and
