@@ -2,7 +2,7 @@
 
 const TOOLS = { move: "move", disc: "disc", box: "box", wall: "wall", path: "path", remove: "delete" };
 const HINTS = { move: "Drag things; the small squares resize and turn them.", disc: "Click or tap where a disc is to stand; drag for a larger one.", box: "Click or tap where a box is to stand, or drag from corner to corner.",
-  wall: "Click or tap where a wall is to stand, or drag from end to end.", path: "Draw a line in the picture: all controllers follow it when you let go.", remove: "Click or tap what is to go." };
+  wall: "Click or tap where a wall is to stand, or drag from end to end.", path: "Draw a line in the empty field: all controllers follow it when you let go. Then put things in its way; what stood here is put away.", remove: "Click or tap what is to go." };
 const AGAIN = { ...Object.fromEntries(["disc", "box", "wall"].map((each) => [each, `The run is computed anew, from the start. Click or tap for another ${each}.`])), path: "The grey band is the allowed width: leave it and the run ends. Tracks that lie on top of each other are moved a little apart. Draw another line as you like." };
 const BY_KEYS = " Arrow keys move the cross (Shift: farther), Enter starts, Enter again ends, Escape leaves.";
 const CLICKED = 0.3; // m, from the middle to the edges of what a click puts down
