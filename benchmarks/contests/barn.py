@@ -28,8 +28,8 @@ _NOTES = (
     "by difficulty. A score at its ceiling, 0.5, ranks nobody: entries are ranked by success and SCT. Beside them "
     "stand the share of worlds at the ceiling, by how many seconds a success is later than the ceiling asks for, the "
     "mean of the least clearances and the smallest of all. A simulation without Gazebo: scores are a proxy of the "
-    "challenge's. {robot}Policies that know the "
-    "map are told what others must find out: they are an upper reference. " + ON_REQUEST_NOTE
+    "challenge's. {robot}Policies with the "
+    "map have more inputs than the others: they are an upper reference. " + ON_REQUEST_NOTE
 )
 
 CHALLENGE = dataclasses.replace(

@@ -80,8 +80,8 @@ DOCKING = Contest(
     heat=Heat("success", "success (%)", 100.0, 0, "viridis", (0.0, 1.0)),
     counted="the whole clock in 'imputed'",
     notes=(
-        "Errors are those of the last moment, of all runs. reeds_shepp and apf_corrected are told the map; the others "
-        "do not see what stands around, so that wall, berth and moving show what that costs. waypoint drives omni "
+        "Errors are those of the last moment, of all runs. reeds_shepp and apf_corrected have the map; the others "
+        "do not see obstacles, so that wall, berth and moving show what that costs. waypoint drives omni "
         "bases only. Simulation only."
     ),
     scenes={

@@ -78,9 +78,7 @@ GOAL_OBSTACLES = Contest(
     ),
     heat=Heat("success", "success (%)", 100.0, 0, "viridis", (0.0, 1.0)),
     counted="the whole clock in 'imputed'",
-    notes=(
-        "Policies that know the map are told what others must find out: they are an upper reference. Simulation only."
-    ),
+    notes=("Policies with the map have more inputs than the others: they are an upper reference. Simulation only."),
     scenes={
         "static obstacles": tuple(name for name, family in _SPEC.families.items() if not family.moving),
         "moving obstacles": tuple(name for name, family in _SPEC.families.items() if family.moving),

@@ -29,7 +29,7 @@ MOVINGAI = dataclasses.replace(
     notes=(
         "Cells are 1 m wide. SPL and SCT compare with the published optimal length, that of a way over the eight "
         "neighbours of a cell that cuts no corner: a robot that turns freely can be shorter, and counts as 1. Policies "
-        "that know the map are told what others must find out: they are an upper reference. "
+        "with the map have more inputs than the others: they are an upper reference. "
         f"{ON_REQUEST_NOTE} Simulation only."
     ),
     on_request=ON_REQUEST,

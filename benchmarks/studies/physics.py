@@ -386,9 +386,9 @@ def _paper_lines(papers: Sequence[Row]) -> list[str]:
         "",
         "Their controllers as printed, tier `ideal`, beside the solutions of their equations. The papers' own runs "
         "were in CoppeliaSim (A) and on real wheels (B, C). A prints no figure of its orbit, 0.10 to 0.15 m outside "
-        "the circle by its equations: its run in CoppeliaSim is a picture. nan: the run never came to it. Where "
-        "traction does not reach for what B and C ask for, pymunk and MuJoCo depart from the equations together: the "
-        "law of our tyres is that of an engine that we did not write.",
+        "the circle by its equations: its run in CoppeliaSim is a picture. nan: the run did not get that far. Where "
+        "traction does not reach for what B and C ask for, pymunk and MuJoCo depart from the equations together: our "
+        "tyre model is that of an engine that we did not write.",
         "",
         table(lines, header),
     ]

@@ -55,7 +55,7 @@ STUDIES = {
     "filters": "Safety filters behind policies",
     "papers": "Published claims, run again",
     "hulls": "Hulls of 0.3 to 0.7 m",
-    "flocks": "Agents among others",
+    "flocks": "Teams and crowds: trained agents vs. controllers",
 }  # pages of their own
 BEGIN, END = "<!-- results: made by python benchmarks/studies/publish.py -->", "<!-- end of results -->"
 
@@ -874,7 +874,7 @@ def _shown(store: Store, place: str, columns: Sequence[str]) -> Iterator[str]:
         filled = [name for name in names if any(row[name] for row in mine)]
         yield _table(filled, [[row[name] for name in filled] for row in mine])
         if any(OFF_PACE in row[name] for row in mine for name in filled):
-            yield f"{OFF_PACE}: not at the speed that was asked for."
+            yield f"{OFF_PACE}: mean speed off the target speed."
 
 
 def _table(header: list[str], lines: list[list[str]]) -> str:
