@@ -320,8 +320,8 @@ def _count(shown_panels: Sequence[Panel]) -> str:
     return (
         f"**Controllers win {wins} of {len(outcomes)} kinds of scenes, agents {losses}.** "
         + "".join(which)
-        + f"Of the others, {alike} {'is' if alike == 1 else 'are'} equivalent (success within 1 point, time and error "
-        f"within 5 %). In {ties}, neither is significantly better in success or error after multiple-test "
+        + f"In {alike} other{'s' * (alike != 1)}, both are equivalent (success within 1 point, time and error within "
+        f"5 %). In {ties}, neither is significantly better in success or error after multiple-test "
         f"correction{noted}."
     )
 
