@@ -71,7 +71,7 @@ function recordButton(replay) {
     let [held, lost, changed, stopped] = [0, 0, 0, 0]; // pictures in the film, those given up, and when (ms)
     const tells = () => {
       const left = replay.races() || (replay.busy && replay.busy()) ? Infinity : ((replay.last - replay.step) * DT) / replay.rate + FILM.rests / FILM.rate;
-      [button.textContent, button.title] = [`■ stop, ${Math.max(Math.ceil(Math.min(left, FILM.seconds - count / FILM.rate)), 0)} s`, "it records as long as the film will be; so many seconds are left"];
+      [button.textContent, button.title] = [`■ stop, ${Math.max(Math.ceil(Math.min(left, FILM.seconds - count / FILM.rate)), 0)} s left`, "it records as long as the film will be; so many seconds are left"];
     };
     const frame = () => {
       if (recorder.state !== "recording" || unseen(replay) || performance.now() - at < 1000 / FILM.rate - 5) return;
