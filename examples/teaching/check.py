@@ -149,7 +149,13 @@ def measured(mine: Any, rivals: dict[str, Any], rng: np.random.Generator, folder
 
 def lab_2_or_3(file: Path, rng: np.random.Generator, folder: Path, lab: int) -> Iterator[Callable[[], str]]:
     """Yields the checks of the labs that compare: 2, gains; 3, an agent."""
-    content = json.loads(file.read_text(encoding="utf-8"))
+    field, kind, named = ("gains", dict, "an object of gains") if lab == 2 else ("agent", str, "a folder's name")
+    try:
+        content = json.loads(file.read_text(encoding="utf-8"))
+    except json.JSONDecodeError as error:
+        raise Wrong(f"it must be JSON: {error}") from None
+    if not isinstance(content, dict) or not isinstance(content.get(field), kind):
+        raise Wrong(f"it must be a JSON object whose {field!r} is {named}, got {json.dumps(content)}")
     if lab == 2:
         mine = make("lookahead_retuned", **content["gains"])
         rivals = {"default": make("lookahead_retuned"), "mpc": make("mpc")}
