@@ -65,8 +65,8 @@ TUNED = " tuned"  # behind the name of a law, of the gains that `tune` found for
 _ORCAS = ("orca_team", f"orca_team{TUNED}")
 _FORCES = ("social_force", f"social_force{TUNED}")
 _DEAR = ("mppi", "nav2_dwb")  # a millisecond a decision: they drive teams of up to 4 alone
-_AMONG = ("vfh_plus", f"vfh_plus{TUNED}", "dwa", f"dwa{TUNED}", "scan_planner", f"scan_planner{TUNED}")
-_SCANNING = (*_AMONG, "any_robot", "mppi", "nav2_dwb")  # among people
+# among people, the first three with both gains
+_SCANNING = (*(f"{a}{b}" for a in ("vfh_plus", "dwa", "scan_planner") for b in ("", TUNED)), "any_robot", *_DEAR)
 _BY_SCAN = ("vfh_plus", f"vfh_plus{TUNED}", "dwa", "scan_planner", "any_robot", *_DEAR)
 # so that a table is no wider than a page
 SHORT = {_ORCAS[1]: "tuned", "team_guided": "guided", "team_scan": "scan"} | dict(
